@@ -83,6 +83,12 @@ TABLES = ['openpyxl>=3.1']
 PAGES = ['README.md', 'CHANGELOG.md', 'CONTRIBUTING.md', 'SECURITY.md', 'CODE_OF_CONDUCT.md']
 DOCS = ['sphinx>=8', 'myst-parser>=4', 'furo>=2024.8', 'jupytext>=1.16', 'nbformat>=5.9']
 
+# links from their mesh: tetrahedra, ten-node elements, order of rows, volume meshes of others
+REDUCE = ['pytetwild>=0.2,<0.3', 'scikit-fem>=10', 'pymetis>=2025.2', 'meshio>=5.3']
+
+# Nastran's output4 files
+NASTRAN = ['pyyeti>=1.4']
+
 # linear models for python-control's tools
 CONTROL = ['control>=0.10']
 
@@ -104,6 +110,7 @@ setup(
         'numpy>=1.26',
         'numba>=0.59',
         'scipy>=1.11',
+        'clarabel>=0.10',
         'yourdfpy>=0.0.56',
         'lxml>=4.9',
         'pyyaml>=6',
@@ -127,11 +134,15 @@ setup(
         'control': CONTROL,
         'tables': TABLES,
         'mujoco': MUJOCO,
+        'reduce': REDUCE,
+        'nastran': NASTRAN,
         'test': [
             *CLUSTER,
             *CONTROL,
             *DOCS,
             *MUJOCO,
+            *NASTRAN,
+            *REDUCE,
             *TABLES,
             *VIEWER,
             'pytest>=8',
@@ -145,6 +156,8 @@ setup(
             'pin',
             'example-robot-data',
             'exudyn>=1.13',
+            'toppra>=0.6.8',
+            'casadi>=3.6',
             'mcap-ros2-support',
             'colcon-ros',
             'setuptools<80',  # what colcon takes

@@ -296,6 +296,7 @@ def test_declared_ros_dependencies_are_the_imported_ones(repository: Path) -> No
 # rosdep's keys on Ubuntu 24.04 (rosdistro's rosdep/python.yaml); '' where it has none, or one that
 # is of no use there: apt's numba may be too old, and pip refuses to write into that system
 ROSDEP = {
+    'clarabel': '',
     'imageio-ffmpeg': '',
     'jinja2': 'python3-jinja2',
     'lxml': 'python3-lxml',

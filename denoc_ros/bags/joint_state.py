@@ -19,6 +19,8 @@ from denoc_ros.types import Array
 
 JOINT_STATE = 'sensor_msgs/msg/JointState'
 FIELDS = ('position', 'velocity', 'effort')
+# columns of a command of all in one, for drives with a loop of their own
+IMPEDANCE = ('position', 'velocity', 'stiffness', 'damping', 'effort')
 _HEAD = 12  # encapsulation and stamp: what follows is the same in all messages of a publisher
 _STAMPS = {'<': struct.Struct('<iI'), '>': struct.Struct('>iI')}
 _EMPTY = np.empty(0)

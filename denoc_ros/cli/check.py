@@ -6,7 +6,7 @@ import argparse
 import json
 import math
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -104,6 +104,7 @@ def summarize(robot: Robot, postures: Sequence[Posture] = ()) -> Row:
         'joints': joints,
         'springs': springs,
         'beams': beams,
+        'flexible': [row for body in tree.bodies for row in _components(body)],
         'shapes': _shapes(robot),
         'sensors': [
             {'sensor': s.name, 'type': s.type, 'link': s.link, 'topic': s.topic}
@@ -139,7 +140,10 @@ def _without_rotors(tree: Tree) -> list[str]:
     found = []
     for body in tree.bodies:
         carrier = tree.bodies[body.attachment.body] if body.attachment.body >= 0 else None
-        bends = body.beam is not None or (carrier is not None and carrier.beam is not None)
+        bends = any(
+            each is not None and (each.beam is not None or each.modes is not None)
+            for each in (body, carrier)
+        )
         joint = body.joint
         if bends and joint is not None and not joint.armature and joint.mimic is None:
             found.append(joint.name)
@@ -204,6 +208,7 @@ def _link(body: Body, bodies: Sequence[Body]) -> Row:
     carrier = bodies[body.attachment.body] if body.attachment.body >= 0 else None
     beam = body.beam
     mass = rigid + (0.0 if beam is None else beam.mass_per_length * beam.whole_length)
+    mass += 0.0 if body.modes is None else body.modes.link.mass
     return {
         'link': body.name,
         'on': 'base' if carrier is None else carrier.link,
@@ -211,7 +216,7 @@ def _link(body: Body, bodies: Sequence[Body]) -> Row:
         'joint': _joint_name(body),
         'mass_kg': float(mass),
         'beam_mass_kg': float(mass - rigid),
-        'modes': 0 if beam is None else beam.segments * sum(beam.modes),
+        'modes': body.amplitudes if beam is None else beam.segments * sum(beam.modes),
     }
 
 
@@ -264,6 +269,29 @@ def _beams(bodies: Sequence[Body]) -> list[Row]:
     return rows
 
 
+def _components(body: Body) -> Iterator[Row]:
+    """Yield a table's row of a link with component modes."""
+    import numpy as np
+
+    if (modes := body.modes) is None:
+        return
+    link = modes.link
+    held = np.sqrt(modes.stiffness / link.modal_mass) / (2.0 * math.pi)
+    lost = [float(np.max(each)) for each in link.left_out.values()]
+    yield {
+        'link': body.name,
+        'file': modes.file.rpartition('/')[2],
+        'modes': modes.count,
+        'points': len(link.points),
+        'second_order_terms': len(link.pairs),
+        'held_hz': [float(f'{value:.6g}') for value in held],
+        'frames': ', '.join(link.frames),
+        'strain_points': len(link.strain),
+        'compliance_lost_percent': max(lost, default=None),
+        'source': link.source,
+    }
+
+
 def _beam(beam: Beam, link: str) -> Row:
     y, z, torsion = beam.y, beam.z, beam.torsion
     return {
@@ -312,7 +340,10 @@ def _as_text(summary: Mapping[str, Any]) -> str:
         f'{summary["robot"]}: {summary["mass_kg"]:.6g} kg, '
         f'{len(summary["coordinates"])} coordinates'
     ]
-    tables = ('links', 'joints', 'springs', 'beams', 'shapes', 'sensors', 'loops', 'mechanism')
+    tables = (
+        'links', 'joints', 'springs', 'beams', 'flexible', 'shapes', 'sensors', 'loops',
+        'mechanism',
+    )  # fmt: skip
     for title in tables:
         if summary[title]:
             parts.append(f'{title}\n{text_table(summary[title])}')

@@ -5,11 +5,14 @@ from __future__ import annotations
 import argparse
 import dataclasses
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from denoc_ros.cli.progress import Progress
 from denoc_ros.cli.recorded_run import OpenedRun, open_run
 from denoc_ros.errors import ConfigError
-from denoc_ros.viewer.film import Look
+
+if TYPE_CHECKING:  # an optional extra
+    from denoc_ros.viewer.film import Look
 
 VIEWS = ('auto', 'side', 'top', 'front', 'iso')
 STRIP_RATE = 60.0  # Hz

@@ -20,7 +20,11 @@ from denoc_ros.errors import DenocError
 
 LONGEST = 2000  # characters of a line of a message
 _MEMORY = 'memory must be enough for what was asked, got: {}'
-_NO_MEMORY = ('failed to map segment', 'Cannot allocate memory', 'cannot allocate memory')
+# of libraries; the last two are an extension's that could not make an exception either
+_NO_MEMORY = (
+    *('failed to map segment', 'Cannot allocate memory', 'cannot allocate memory'),
+    *('without exception set', 'without setting an exception'),
+)
 
 
 class Parser(argparse.ArgumentParser):
@@ -110,7 +114,7 @@ def _execute(arguments: list[str], is_process: bool) -> int:
         _flush_or_discard()
     except MemoryError as error:
         status = _complain(verb, _MEMORY.format(str(error).strip() or 'too little'))
-    except ImportError as error:
+    except (ImportError, SystemError) as error:
         if is_made_by_interrupt(error) or not any(word in str(error) for word in _NO_MEMORY):
             raise
         status = _complain(verb, _MEMORY.format(error))

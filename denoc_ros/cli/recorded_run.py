@@ -6,13 +6,16 @@ import argparse
 import math
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from denoc_ros.bags.reader import read_description
 from denoc_ros.cli.config import find_file
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.errors import BagError, ConfigError
 from denoc_ros.reports.run_files import EARTH, find_bag, plant_of, read_session, recording_name
-from denoc_ros.viewer.recorded import RecordedRun
+
+if TYPE_CHECKING:  # an optional extra
+    from denoc_ros.viewer.recorded import RecordedRun
 
 SOURCES = ('plant', 'predictor', 'replay', 'joints')
 

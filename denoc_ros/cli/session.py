@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from denoc_ros.cli.config import Parameters, Phase, SessionConfig
 from denoc_ros.cli.feedback_rates import FEEDFORWARD, feedback_refusal
@@ -22,13 +23,15 @@ from denoc_ros.cli.progress import Progress
 from denoc_ros.cli.rehearsal import Rehearsal, choose, cores, idle_seconds
 from denoc_ros.cli.session_file import SessionFile
 from denoc_ros.cli.session_time import RealTime, SimulatedTime
-from denoc_ros.cli.shaped_phases import motion_of
+from denoc_ros.cli.shaped_phases import asked_at_pace, motion_of
 from denoc_ros.cli.time_modes import AUTO, REAL, SIMULATED
 from denoc_ros.control.plan import Plan
 from denoc_ros.dynamics.robot import load_robot
-from denoc_ros.nodes.session_client import SessionClient
 from denoc_ros.runtime.following import NO_JOINTS, STALE_JOINTS
 from denoc_ros.trajectories import Trajectory
+
+if TYPE_CHECKING:  # an optional extra
+    from denoc_ros.nodes.session_client import SessionClient
 
 START_TIMEOUT = 300.0  # s until active: a slow and busy machine loads nodes for a minute
 STARTING = 10.0  # s that nodes take on a machine which is neither slow nor busy
@@ -435,7 +438,8 @@ class Session:
             return begin
         before = -float(plan.t[0])
         self._client.publish_reference(motion_of(plan, joints), joints, begin_ns, listeners)
-        self._client.publish_asked(trajectory, joints, begin_ns + round(1e9 * before))
+        asked = asked_at_pace(trajectory, plan, joints)
+        self._client.publish_asked(asked, joints, begin_ns + round(1e9 * before))
         return begin + before
 
     def _taken(self) -> int:

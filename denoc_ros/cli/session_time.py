@@ -6,9 +6,12 @@ import math
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 from denoc_ros.errors import DenocError
-from denoc_ros.nodes.session_client import SessionClient
+
+if TYPE_CHECKING:  # an optional extra
+    from denoc_ros.nodes.session_client import SessionClient
 
 STANDS = 120.0  # s of wall time in which simulated time must go on, on the slowest machine
 SAME = 1e-6  # s

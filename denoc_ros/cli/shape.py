@@ -22,6 +22,7 @@ from denoc_ros.control.plan import Plan
 from denoc_ros.control.shape import shape_motion
 from denoc_ros.dynamics.held_base import held_robot
 from denoc_ros.dynamics.robot import Robot, load_robot
+from denoc_ros.errors import ConfigError
 from denoc_ros.output_files import require_new, write_text
 from denoc_ros.reports.pages import engineering
 from denoc_ros.reports.provenance import named_file, provenance
@@ -39,9 +40,22 @@ NUMBERS = {
     'turn': 'weight of a radian of rotation, in metres of position; 0: only positions matter',
     'step': 'time between the nodes at which the equations hold [s]',
 }
-# options of the other methods, and which have them
+LIMITS = {
+    'velocity': ('joint', 'rad/s, m/s'),
+    'acceleration': ('joint', 'rad/s^2, m/s^2'),
+    'jerk': ('joint', 'rad/s^3, m/s^3'),
+    'effort': ('joint', 'N m, N'),
+    'effort_rate': ('joint', 'N m/s, N/s'),
+    'strain': ('link', '1'),
+    'moment': ('link', 'N m'),
+    'deflection': ('link', 'm'),
+}
+LEAST_GAIN = 1e-5  # of the duration: smaller gains are not listed
+NUMBERS_OF_ALL = {'tip_speed': 'm/s', 'tip_acceleration': 'm/s^2', 'power': 'W'}
+FASTEST = ('tip', 'rest_to_rest')
 OF_STREAMS = ('zv', 'zvd', 'ei')
 SHAPERS = (*OF_STREAMS, 'rest_to_rest')
+# options of the other methods, and which have them
 OTHERS = {
     'modes': (int, SHAPERS, 'number of modes that come to rest, from the lowest'),
     'duration': (
@@ -96,6 +110,12 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument(
         '--page', metavar='FILE', type=Path, help='also simulate the plan and write an HTML page'
     )
+    parser.add_argument(
+        '--fastest',
+        action='store_true',
+        help='method tip and rest_to_rest: the timing is free, in the least time within '
+        'the limits',
+    )
     parser.add_argument('--json', action='store_true', help='print the summary as JSON')
     parser.add_argument(
         '--interval',
@@ -111,19 +131,31 @@ def add_parser(subparsers: Any) -> None:
 
 
 def _add_limits(parser: argparse.ArgumentParser) -> None:
-    group = parser.add_argument_group("limits in place of the URDF's")
-    for name, unit in (
-        ('velocity', 'rad/s, m/s'),
-        ('acceleration', 'rad/s^2, m/s^2'),
-        ('effort', 'N m, N'),
-    ):
+    group = parser.add_argument_group("limits in place of the file's")
+    group.add_argument(
+        '--joint-limits', metavar='FILE', help="joint_limits.yaml, as MoveIt's configurations have"
+    )
+    for name, (whose, unit) in LIMITS.items():
         group.add_argument(
-            f'--{name}',
+            f'--{name.replace("_", "-")}',
             action='append',
             default=[],
-            metavar='JOINT=VALUE',
-            help=f'largest {name} of a joint [{unit}]; repeatable',
+            metavar=f'{whose.upper()}=VALUE',
+            help=f'largest {name.replace("_", " ")} of a {whose} [{unit}]; repeatable',
         )
+    for name, unit in NUMBERS_OF_ALL.items():
+        group.add_argument(
+            f'--{name.replace("_", "-")}',
+            metavar='X',
+            type=float,
+            help=f'largest {name.replace("_", " ")} [{unit}]',
+        )
+    group.add_argument(
+        '--margin',
+        metavar='SHARE',
+        type=float,
+        help='share of every limit but positions that is kept free',
+    )
 
 
 def _add_tip_options(parser: argparse.ArgumentParser) -> None:
@@ -181,6 +213,8 @@ def _findings(args: argparse.Namespace) -> list[str]:
     if args.method != 'tip':
         given = [name for name in TIP_ONLY if getattr(args, name) is not None]
         found += [f'--{name} is for --method tip, got {args.method}' for name in given]
+    if args.fastest and args.method not in FASTEST:
+        found.append(f'--fastest is for --method {" or ".join(FASTEST)}, got {args.method}')
     for name, (_, methods, _) in OTHERS.items():
         if getattr(args, name) is not None and args.method not in methods:
             found.append(f'--{name} is for --method {" or ".join(methods)}, got {args.method}')
@@ -193,13 +227,17 @@ def _options(args: argparse.Namespace, values: Mapping[str, Any]) -> dict[str, A
     """Arguments of shape_motion beside motion, method and tip."""
     findings: list[str] = []
     options: dict[str, Any] = {}
-    for name in ('velocity', 'acceleration', 'effort'):
-        texts = getattr(args, name)
-        if texts:
-            option = f'--{name}'
-            options[name] = named_values(option, texts, 'JOINT=VALUE', float, findings)
+    if args.joint_limits:
+        options.update(read_joint_limits(given_file(args.joint_limits, 'joint limits')))
+    for name, (whose, _) in LIMITS.items():
+        if texts := getattr(args, name):
+            option, form = f'--{name.replace("_", "-")}', f'{whose.upper()}=VALUE'
+            given = named_values(option, texts, form, float, findings)
+            options[name] = {**options.get(name, {}), **given}
     require(findings)
-    for name in (*NUMBERS, *OTHERS):
+    if args.fastest:
+        options['time'] = 'minimum'
+    for name in (*NUMBERS, *OTHERS, *NUMBERS_OF_ALL, 'margin'):
         if getattr(args, name) is not None:
             options[name] = getattr(args, name)
     if args.mode_table is not None:
@@ -209,6 +247,34 @@ def _options(args: argparse.Namespace, values: Mapping[str, Any]) -> dict[str, A
     elif args.method == 'tip' and 'kind' not in values and values.get('joints'):
         options['joints'] = values['joints']
     return options
+
+
+def read_joint_limits(file: Path) -> dict[str, dict[str, float]]:
+    """Return the limits of a MoveIt joint_limits.yaml, as shape_motion takes them.
+
+    Raises
+    ------
+    ConfigError
+        With all that is wrong with it.
+    """
+    joints = read_yaml(file).get('joint_limits')
+    if not isinstance(joints, dict):
+        raise ConfigError(str(file), [f'joint_limits must be a mapping of joints, got {joints!r}'])
+    found: dict[str, dict[str, float]] = {}
+    findings = []
+    for joint, values in joints.items():
+        for what in ('velocity', 'acceleration', 'jerk', 'effort'):
+            if not isinstance(values, dict) or not values.get(f'has_{what}_limits'):
+                continue
+            value: Any = values.get(f'max_{what}')
+            good = isinstance(value, int | float) and not isinstance(value, bool)
+            if not good or not 0.0 < float(value) < float('inf'):
+                findings.append(f'{joint}: max_{what} must be a number > 0, got {value!r}')
+            else:
+                found.setdefault(what, {})[str(joint)] = float(value)
+    if findings:
+        raise ConfigError(str(file), findings)
+    return found
 
 
 def _robot(args: argparse.Namespace, values: Mapping[str, Any]) -> Robot:
@@ -238,7 +304,17 @@ def summarize(plan: Plan, times: NDArray[Any]) -> dict[str, Any]:
         'equation_error_m': plan.equation_error,
         'largest_torque': _by_name(plan, np.abs(plan.torque).max(axis=0)),
         **_of_base(plan),
+        **_of_limits(plan),
     }
+
+
+def _of_limits(plan: Plan) -> dict[str, Any]:
+    """Return the largest shares of limits, and what 1 % more of each would gain."""
+    use = plan.limits
+    if use is None:
+        return {}
+    gains = {name: gain for name, gain in use.gains.items() if gain >= LEAST_GAIN}
+    return {'limit_shares': use.largest, 'gains': gains, 'settled': use.settled}
 
 
 def _of_base(plan: Plan) -> dict[str, Any]:
@@ -282,7 +358,15 @@ def _print(summary: Mapping[str, Any]) -> None:
         f'{summary["output"]}: {summary["rows"]} rows from {summary["begins_s"]:.4g} to '
         f'{summary["ends_s"]:.4g} s, method {summary["method"]}'
     )
-    if summary['stretch'] > 1.0:
+    if summary.get('gains') or not summary.get('settled', True):
+        best = '' if summary['settled'] else ', the best so far'
+        print(
+            f'  {summary["stretch"]:.4g} times the time that was asked for, the least within the '
+            f'limits{best}'
+        )
+        for name, gain in sorted(summary['gains'].items(), key=lambda each: -each[1]):
+            print(f'  1 % more of {name}: {100.0 * gain:.2f} % less time')
+    elif summary['stretch'] > 1.0:
         print(f'  {summary["stretch"]:.4g} times slower, to keep the limits')
     if summary['delay_s'] > 0.0:
         print(f'  {summary["delay_s"]:.4g} s later than asked for')

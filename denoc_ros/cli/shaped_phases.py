@@ -101,6 +101,19 @@ def motion_of(plan: Plan, joints: Sequence[str]) -> SplineTrajectory:
     )
 
 
+def asked_at_pace(trajectory: Trajectory, plan: Plan, joints: Sequence[str]) -> Trajectory:
+    """Wanted motion of the joints at the pace of a plan that changes it."""
+    if plan.passed is None and plan.stretch == 1.0:
+        return trajectory
+    passed = plan.t / plan.stretch if plan.passed is None else plan.passed
+    times = np.concatenate([[0.0], plan.t[plan.t > 0.0]])
+    moments = np.clip(np.interp(times, plan.t, passed), 0.0, trajectory.duration)
+    rows, rate, acceleration = np.zeros((len(times), len(joints))), *np.zeros((2, len(joints)))
+    for moment, row in zip(moments.tolist(), rows, strict=True):
+        trajectory.sample(moment, row, rate, acceleration)
+    return SplineTrajectory(times, rows)
+
+
 def started_on_the_plan(phase: Phase, plan: Plan, joints: Sequence[str]) -> Phase:
     """Return a phase whose plant starts where the plan does, unless it says where."""
     plant = phase.nodes.get('plant', {})

@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from denoc_ros.bags.series import read_joint_states
 from denoc_ros.cli.conclusion import conclude, print_summary
@@ -31,9 +31,11 @@ from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.errors import ConfigError, DenocError
 from denoc_ros.model.mjcf import SEGMENTS
 from denoc_ros.model.plant_description import description_in_words
-from denoc_ros.nodes.session_client import SessionClient
 from denoc_ros.reports.versions import versions
 from denoc_ros.simulation.reference import trajectory_from_config
+
+if TYPE_CHECKING:  # an optional extra
+    from denoc_ros.nodes.session_client import SessionClient
 
 NO_ROS = (
     'rclpy must be importable, got: {}; source a ROS 2 installation or '

@@ -17,6 +17,7 @@ VERBS = {
     'recover': 'rebuild a recording that was cut off',
     'dh': 'make a URDF with flexible links from a Denavit-Hartenberg table',
     'export': "write a robot as MuJoCo's or Gazebo's model, beams as chains of sprung rods",
+    'reduce': "reduce a link from its mesh, or another program's matrices, to a few modes",
     'stability': "compare the recursion's numerical stability with dense Cholesky's",
     'warmup': 'compile all kernels now, once per version and user',
     'bench': 'check results, then time the dynamics beside Pinocchio and dense Cholesky',

@@ -10,7 +10,7 @@ import threading
 import webbrowser
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from denoc_ros.cli.arguments import add_gravity
 from denoc_ros.cli.config import find_file, read_yaml, share_directory
@@ -20,7 +20,9 @@ from denoc_ros.cli.verbs import VERBS
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.errors import ConfigError, DenocError
 from denoc_ros.reports.run_files import EARTH
-from denoc_ros.viewer.page import Page
+
+if TYPE_CHECKING:  # an optional extra
+    from denoc_ros.viewer.page import Page
 
 DEFAULT_PORT = 8080
 FIRST = 'canadarm'  # that the gallery shows

@@ -6,11 +6,15 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from denoc_ros.control.reaction import reaction
 from denoc_ros.control.shaped_samples import rest_spline
+from denoc_ros.control.timing import Timing
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.types import Array
+
+LITTLE = 1e-4  # of a motion's time: half of a difference along it
 
 
 class AskedMotion:
@@ -52,6 +56,11 @@ class AskedMotion:
             self._base = rest_spline(*reaction(robot, self._joints, self.duration))
         self._path = {frame: _pose_spline(times, poses) for frame, poses in (path or {}).items()}
 
+    @property
+    def joint_spline(self) -> Any:
+        """The spline of the joints: times (k,) and the order of a derivative -> (k, joints)."""
+        return self._joints
+
     def coordinates(self, times: Array) -> Array:
         """Return the undeformed robot's coordinates (k, n), held before and after the motion."""
         at, q = np.clip(times, 0.0, self.duration), np.zeros((len(times), self._robot.n))
@@ -66,6 +75,50 @@ class AskedMotion:
             return self._robot.frame_pose(frame, self.coordinates(times))
         rows = self._path[frame](np.clip(times, 0.0, self.duration))
         return _poses(rows)
+
+
+class RetimedMotion:
+    """A motion that is asked for, at other times.
+
+    Parameters
+    ----------
+    asked : AskedMotion
+        A floating base reacts to a path, however fast: without momentum its way is the path's.
+    timing : Timing
+        Its stations are times of `asked` [s].
+    """
+
+    def __init__(self, asked: AskedMotion, timing: Timing) -> None:
+        self._asked, self._timing, self.duration = asked, timing, timing.duration
+
+    def coordinates(self, times: Array) -> Array:
+        """Return the undeformed robot's coordinates (k, n), held before and after the motion."""
+        return self._asked.coordinates(self._timing.stations_at(times))
+
+    def poses(self, frame: str, times: Array) -> Array:
+        """Return the poses (k, 4, 4) that a frame is to have."""
+        return self._asked.poses(frame, self._timing.stations_at(times))
+
+    def coordinate_rates(self, times: Array) -> Array:
+        """Return the change (k, n) of the coordinates per second of the motion asked for."""
+        before, after, apart = self._beside(times)
+        change = self._asked.coordinates(after) - self._asked.coordinates(before)
+        return np.asarray(change / apart[:, None])
+
+    def twists(self, frame: str, times: Array) -> Array:
+        """Return the change (k, 6) of a pose per second of the motion asked for: linear, turn."""
+        before, after, apart = self._beside(times)
+        first, last = (self._asked.poses(frame, at) for at in (before, after))
+        turn = Rotation.from_matrix(last[:, :3, :3] @ first[:, :3, :3].transpose(0, 2, 1))
+        change = np.concatenate([last[:, :3, 3] - first[:, :3, 3], turn.as_rotvec()], axis=1)
+        return np.asarray(change / apart[:, None])
+
+    def _beside(self, times: Array) -> tuple[Array, Array, Array]:
+        """Return stations (k,) a little before and after those at times, and their distance."""
+        at, little = self._timing.stations_at(times), LITTLE * self._asked.duration
+        before = np.maximum(at - little, 0.0)
+        after = np.minimum(at + little, self._asked.duration)
+        return before, after, after - before
 
 
 def _pose_spline(times: Array, poses: Array) -> Any:

@@ -44,9 +44,11 @@ class BlockBand:
     def solve(self, right: Array) -> Array | None:
         """Return x (count, size) of matrix x = right, or None where the matrix is singular.
 
-        The matrix is lost: its factors take its place.
+        Several right sides (count, size, m) are solved together. The matrix is lost: its factors
+        take its place.
         """
+        columns = right.reshape(self._count * self._size, *right.shape[2:])
         _, _, x, info = lapack.dgbsv(
-            self._width, self._width, self._band.T, right.reshape(-1), overwrite_ab=1
+            self._width, self._width, self._band.T, columns, overwrite_ab=1
         )
         return None if info else np.asarray(x).reshape(right.shape)

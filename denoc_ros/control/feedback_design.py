@@ -268,9 +268,14 @@ def noise_of(
     flexible = robot.flexible_indices
     first, length = np.zeros(len(flexible), dtype=np.intp), np.ones(len(flexible))
     for body in robot.tree.bodies:
-        if not is_flexible(body) or body.beam is None:
+        if not is_flexible(body):
             continue
         begin = int(np.searchsorted(flexible, robot.amplitudes(body.name).start))
+        if body.modes is not None:  # each mode by itself
+            modes = np.arange(begin, begin + body.amplitudes)
+            first[modes], length[modes] = modes, body.spans
+            continue
+        assert body.beam is not None
         for count, span in zip(body.beam.modes, (body.beam.length, body.beam.length, 1.0),
                                strict=True):  # fmt: skip
             first[begin : begin + count] = begin

@@ -28,8 +28,8 @@ class JointLimits:
         Positions [rad, m].
     velocity, acceleration, jerk : (joints,) arrays
         Magnitudes [rad/s, rad/s^2, rad/s^3; m/s, …].
-    effort : (joints,) array
-        Magnitude [N m, N].
+    effort, effort_rate : (joints,) arrays
+        Magnitudes [N m, N; N m/s, N/s].
     """
 
     lower: Array
@@ -38,6 +38,23 @@ class JointLimits:
     acceleration: Array
     jerk: Array
     effort: Array
+    effort_rate: Array
+
+    @property
+    def room(self) -> Array:
+        """Half of the positions' range; inf where there is none."""
+        return 0.5 * (self.upper - self.lower)
+
+    @property
+    def middle(self) -> Array:
+        """The middle of the positions' range; 0 where there is none."""
+        found = np.isfinite(self.room)
+        return np.where(found, self.upper, 0.0) - np.where(found, self.room, 0.0)
+
+    def scaled(self, share: float) -> JointLimits:
+        """Return a share of all limits but those of positions."""
+        names = [each.name for each in fields(self)][2:]
+        return replace(self, **{name: share * getattr(self, name) for name in names})
 
     def of(self, places: NDArray[np.int64]) -> JointLimits:
         """Return the limits of the joints at some places."""
@@ -55,11 +72,8 @@ class JointLimits:
 
         Rows (k, joints) of a motion, and of its torque; a share beyond a limit is tolerated.
         """
-        room = 0.5 * (self.upper - self.lower)
-        middle = np.where(np.isfinite(room), self.upper, 0.0)
-        middle -= np.where(np.isfinite(room), room, 0.0)
         shares = {
-            'position': _largest(q - middle, room),
+            'position': _largest(q - self.middle, self.room),
             'velocity': _largest(qd, self.velocity),
             'acceleration': _largest(qdd, self.acceleration),
         }
@@ -114,15 +128,16 @@ def joint_limits(
     acceleration: Given | None = None,
     jerk: Given | None = None,
     effort: Given | None = None,
+    effort_rate: Given | None = None,
 ) -> JointLimits:
     """Return the limits of a robot's joints: the URDF's, or those given.
 
     Parameters
     ----------
     robot : Robot
-    velocity, acceleration, jerk, effort : optional
+    velocity, acceleration, jerk, effort, effort_rate : optional
         A number for all joints, one per joint, or a mapping of joint names; positive. A URDF has
-        none of acceleration and jerk.
+        none of acceleration, jerk and effort rate.
 
     Raises
     ------
@@ -149,8 +164,15 @@ def joint_limits(
         none,
         none.copy(),
         magnitude('effort'),
+        none.copy(),
     )
-    given = {'velocity': velocity, 'acceleration': acceleration, 'jerk': jerk, 'effort': effort}
+    given = {
+        'velocity': velocity,
+        'acceleration': acceleration,
+        'jerk': jerk,
+        'effort': effort,
+        'effort_rate': effort_rate,
+    }
     for what, value in given.items():
         if value is not None:
             before = getattr(limits, what)

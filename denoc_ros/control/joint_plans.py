@@ -13,7 +13,9 @@ from scipy.interpolate import make_interp_spline
 from denoc_ros.control.asked_motion import AskedMotion
 from denoc_ros.control.driven_joints import DrivenJoints
 from denoc_ros.control.end_swing import follow_joints
-from denoc_ros.control.joint_limits import Given, JointLimits, joint_limits, require_limits
+from denoc_ros.control.joint_limits import WITHIN, JointLimits, require_limits
+from denoc_ros.control.limit_rows import LimitOptions, LimitRows
+from denoc_ros.control.minimum_time import NEAR
 from denoc_ros.control.mode_table import ModeTable, read_mode_table
 from denoc_ros.control.plan import Plan
 from denoc_ros.control.reaction import require_attitude
@@ -21,6 +23,7 @@ from denoc_ros.control.rest_to_rest import rest_to_rest
 from denoc_ros.control.ringing import ringing_modes
 from denoc_ros.control.shaped_samples import shape_samples
 from denoc_ros.control.targets import Target
+from denoc_ros.control.tip_options import require_time
 from denoc_ros.dynamics.floating_base import ATTITUDE
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.stepper import Stepper
@@ -28,6 +31,8 @@ from denoc_ros.errors import SolverError, StateError
 from denoc_ros.types import Array
 
 OUTPUT = 0.004  # s between rows of a plan
+SLOWER = 12  # times that the shortest motion is made slower until it keeps all limits
+ROUNDING = 0.005  # of a limit: what the search for a duration may be beyond
 STEPS_PER_PERIOD = 60.0  # of the fastest mode that is shaped
 
 
@@ -38,11 +43,12 @@ class JointMotion(Protocol):
         """Return the rows."""
 
 
-@dataclass(frozen=True)
-class ShaperOptions:
+@dataclass(frozen=True, kw_only=True)
+class ShaperOptions(LimitOptions):
     """Options of an input shaper.
 
-    The plan's `tip_error` is from the asked motion half the delay later.
+    A shaped motion needs less of each limit than the one it is made of; a plan beyond them is
+    refused. The plan's `tip_error` is from the asked motion half the delay later.
 
     Attributes
     ----------
@@ -50,9 +56,6 @@ class ShaperOptions:
         How many modes, from the lowest; default those below ten times the lowest.
     output_step : float
         Between the rows of the plan [s].
-    velocity, acceleration, jerk, effort : optional
-        Limits beside the URDF's: a number, one per joint, or by joint name. A shaped motion needs
-        less of each than the one it is made of; a plan beyond them is refused.
     cancel : callable, optional
         Returns True where the work must end: SolverError then.
     mode_table : ModeTable or path, optional
@@ -62,10 +65,6 @@ class ShaperOptions:
 
     modes: int | None = None
     output_step: float = OUTPUT
-    velocity: Given | None = None
-    acceleration: Given | None = None
-    jerk: Given | None = None
-    effort: Given | None = None
     cancel: Callable[[], bool] | None = None
     mode_table: ModeTable | str | Path | None = None
 
@@ -76,7 +75,7 @@ class ShaperOptions:
         return given if given is None or isinstance(given, ModeTable) else read_mode_table(given)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class RestOptions(ShaperOptions):
     """Options of a motion from rest to rest.
 
@@ -86,10 +85,20 @@ class RestOptions(ShaperOptions):
         s; default that of the motion that was asked for; 0: the shortest within the limits.
     robustness : float
         Share by which the modes' frequencies may be off.
+    time : str
+        ``minimum``: the shortest within all limits, as `duration` 0 within those of the joints.
     """
 
     duration: float | None = None
     robustness: float = 0.1
+    time: str = 'asked'
+
+    def __post_init__(self) -> None:
+        require_time(self.time)
+        if self.time == 'minimum' and self.duration:
+            raise StateError(
+                f"shape_motion: duration must not come with time='minimum', got {self.duration!r}"
+            )
 
 
 def shaper_motion(
@@ -129,25 +138,47 @@ def rest_motion(
         raise StateError(
             "shape_motion: mode_table must be for 'zv', 'zvd' or 'ei', got 'rest_to_rest'"
         )
+    limits = options.limits(robot)
     duration = float(times[-1] - times[0]) if options.duration is None else options.duration
-    found = rest_to_rest(
-        robot,
-        q_joints[0],
-        q_joints[-1],
-        duration or None,
-        _limits(robot, options),
-        modes=options.modes,
-        robustness=options.robustness,
-        check=_check(options),
-    )
+    fastest = options.time == 'minimum'
+    if fastest:
+        duration = 0.0
+        limits = replace(limits, joints=limits.joints.scaled(1.0 - ROUNDING))
     start = float(times[0])
 
-    def motion(at: Array, derivative: int = 0) -> Array:
-        return found.joints(at - start, derivative)
+    def planned(seconds: float) -> Plan:
+        found = rest_to_rest(
+            robot,
+            q_joints[0],
+            q_joints[-1],
+            seconds or None,
+            limits.joints,
+            modes=options.modes,
+            robustness=options.robustness,
+            check=_check(options),
+        )
 
-    plan = _plan('rest_to_rest', robot, motion, (start, start + found.duration), options)
-    late = max(0.0, float(plan.t[-1] - times[-1]))
-    return _with_tip(robot, plan, times, q_joints, frames, late)
+        def motion(at: Array, derivative: int = 0) -> Array:
+            return found.joints(at - start, derivative)
+
+        return _plan('rest_to_rest', robot, motion, (start, start + found.duration), options)
+
+    rows = LimitRows(robot, robot.indices(DrivenJoints(robot, 'limits').names), frames, limits)
+    plan = planned(duration)
+    for _ in range(SLOWER if fastest else 1):
+        use = rows.use(plan)
+        beyond = float(use.shares.max(initial=0.0))
+        if beyond <= (1.0 + NEAR if fastest else 1.0 + WITHIN):
+            late = max(0.0, float(plan.t[-1] - times[-1]))
+            plan = replace(plan, limits=use)
+            return _with_tip(robot, plan, times, q_joints, frames, late)
+        if fastest:
+            plan = planned(float(plan.t[-1] - plan.t[0]) * max(beyond**0.5, 1.005))
+    name = rows.names[int(use.shares.max(axis=0).argmax())]
+    raise SolverError(
+        f'{robot.tree.name}: rest to rest must keep its limit of {name}, got {beyond:.4g} times '
+        f'that in {float(plan.t[-1] - plan.t[0]):.4g} s'
+    )
 
 
 def _check(options: ShaperOptions) -> Callable[[], None]:
@@ -202,9 +233,7 @@ def _plan(
 
 
 def _limits(robot: Robot, options: ShaperOptions) -> JointLimits:
-    return joint_limits(
-        robot, options.velocity, options.acceleration, options.jerk, options.effort
-    )
+    return options.limits(robot).joints
 
 
 def _with_tip(

@@ -106,7 +106,7 @@ def stiffnesses(robot: Robot) -> list[NDArray[np.intp]]:
     left = set(robot.flexible_indices.tolist())
     groups = []
     for body in robot.tree.bodies:
-        if is_flexible(body) and body.beam is not None:
+        if is_flexible(body):
             of_link = robot.amplitudes(body.name)
             groups.append(np.arange(of_link.start, of_link.stop, dtype=np.intp))
             left -= set(groups[-1].tolist())

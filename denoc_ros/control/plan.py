@@ -2,9 +2,53 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
+import numpy as np
+
 from denoc_ros.types import Array
+
+BINDS = 0.995  # of a limit: what counts as reached
+
+
+@dataclass(frozen=True)
+class LimitUse:
+    """How much of its limits a plan uses.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Of the limits that there are: what and whose.
+    shares : (k, limits) array
+        At the plan's times; 1 is a limit.
+    gains : mapping of name to float
+        By which share of the duration a limit that is 1 % larger would make the shortest motion
+        shorter, to first order; of plans in minimum time.
+    settled : bool
+        Whether a plan in minimum time was found to the end; False: the best so far.
+    """
+
+    names: tuple[str, ...]
+    shares: Array
+    gains: Mapping[str, float]
+    settled: bool = True
+
+    @property
+    def largest(self) -> dict[str, float]:
+        """Largest share of each limit."""
+        return dict(zip(self.names, self.shares.max(axis=0, initial=0.0).tolist(), strict=True))
+
+    def binding(self) -> list[str]:
+        """Return which limit is reached at each time, '' where none is."""
+        if not self.names:
+            return [''] * len(self.shares)
+        most = self.shares.argmax(axis=1)
+        reached = self.shares.max(axis=1) >= BINDS * min(1.0, float(self.shares.max(initial=0.0)))
+        return [
+            self.names[k] if at else ''
+            for k, at in zip(most.tolist(), np.asarray(reached).tolist(), strict=True)
+        ]
 
 
 @dataclass(frozen=True)
@@ -33,7 +77,8 @@ class Plan:
     delay : float
         How much later than asked for the motion arrives [s].
     stretch : float
-        Factor by which the motion was made slower to keep the limits.
+        Factor by which the motion was made slower to keep the limits; of one in minimum time, its
+        duration over that of the motion that was asked for.
     equation_error : float
         Root mean square of the forces that no actuator gives and the plan needs between its nodes,
         over their stiffness [m, rad]: what the grid leaves. Of a base that floats, how far it
@@ -59,3 +104,5 @@ class Plan:
     stretch: float = 1.0
     equation_error: float = 0.0
     base_wrench: Array | None = None
+    limits: LimitUse | None = None
+    passed: Array | None = None

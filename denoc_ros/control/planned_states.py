@@ -12,6 +12,7 @@ from denoc_ros.control.deviation_model import PlannedState
 from denoc_ros.dynamics.feedforward import TorqueFeedforward
 from denoc_ros.dynamics.measured_side import measured_robot, whole_robot
 from denoc_ros.dynamics.robot import Robot
+from denoc_ros.dynamics.structure import body_amplitudes
 from denoc_ros.types import Array
 
 Sample = Callable[[float, Array, Array, Array], None]
@@ -171,8 +172,7 @@ def state_at(
 def _lengths(robot: Robot) -> Array:
     """Return the length [m] of each amplitude's beam, 1 rad for twist."""
     lengths = np.ones(robot.n)
-    for body in robot.tree.bodies:
-        if body.beam is not None and any(body.beam.modes):
-            first = robot.amplitudes(body.name).start
-            lengths[first : first + body.beam.modes[0] + body.beam.modes[1]] = body.beam.length
+    for k, body in enumerate(robot.tree.bodies):
+        if body.amplitudes:  # of a link of several segments, each is a body
+            lengths[body_amplitudes(robot, k)] = body.spans
     return np.asarray(lengths[robot.flexible_indices])

@@ -514,6 +514,9 @@ def _stiffer(robot: Robot, share: float) -> Robot:
     """Return the robot with all beams' frequencies higher by a share."""
     changes = {}
     for body in robot.tree.bodies:
+        if body.modes is not None:
+            factor = body.modes.factor * (1.0 + share) ** 2
+            changes[f'flexible.{body.name}.stiffness'] = factor
         if body.beam is None or body.segment > 1:
             continue
         for part, path in (('y', 'y.ei'), ('z', 'z.ei'), ('torsion', 'torsion.gj')):

@@ -6,8 +6,9 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 
-from denoc_ros.control.joint_limits import JointLimits, plan_violation
-from denoc_ros.control.plan import Plan
+from denoc_ros.control.joint_limits import TOLERANCE
+from denoc_ros.control.limit_rows import LimitRows
+from denoc_ros.control.plan import LimitUse, Plan
 from denoc_ros.control.tip_solver import CancelledError
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import SolverError
@@ -15,6 +16,8 @@ from denoc_ros.errors import SolverError
 CLOSE = 0.005  # the stretch is found to this share
 SEARCHES = 14
 ROOM = 0.05  # least step toward slower motions, as a share
+# which power of time a quantity falls with, the inverse; that of what is not here is 2
+SLOWER = {'velocity': 1.0, 'tip_speed': 1.0, 'jerk': 1 / 3, 'effort_rate': 1 / 3, 'power': 1 / 3}
 UNSOLVED = 1.5  # how much slower to go where no plan was found at all
 
 
@@ -27,7 +30,7 @@ class LimitError(SolverError):
 
 
 def within_limits(
-    robot: Robot, plan: Callable[[float], Plan], limits: JointLimits, largest: float
+    robot: Robot, plan: Callable[[float], Plan], limits: LimitRows, largest: float
 ) -> Plan:
     """Return the plan that keeps the limits with its time stretched as little as possible.
 
@@ -36,8 +39,7 @@ def within_limits(
     robot : Robot
     plan : callable
         Makes the plan of the motion, so many times slower.
-    limits : JointLimits
-        Of all joints; those that the plan drives are looked at.
+    limits : LimitRows
     largest : float
         The largest stretch that is tried.
 
@@ -73,28 +75,30 @@ def within_limits(
     return within
 
 
-def _kept(robot: Robot, plan: Plan, limits: JointLimits, stretch: float) -> Plan:
-    """Return the plan if it keeps the limits, or raise LimitError."""
-    found = plan_violation(robot, plan, limits)
-    if found is None:
-        return plan
-    what, joint, factor = found
+def _kept(robot: Robot, plan: Plan, limits: LimitRows, stretch: float) -> Plan:
+    """Return the plan with its use of the limits if it keeps them, or raise LimitError."""
+    use = limits.use(plan)
+    name, factor = _most(use)
+    if factor <= 1.0 + TOLERANCE:
+        return replace(plan, limits=use)
     at = f'the motion {stretch:.4g} times slower' if stretch > 1.0 else 'the motion as it is'
-    where = f'shape_motion: {robot.tree.name}: {joint} must keep its limit of {what}'
-    resting = plan_violation(robot, _ends(plan), limits)
-    if resting is not None:
-        what, joint, factor = resting
+    resting, most = _most(replace(use, shares=use.shares[[0, -1]]))
+    what, _, whose = (resting if most > 1.0 + TOLERANCE else name).partition(' ')
+    where = f'shape_motion: {robot.tree.name}: {whose} must keep its limit of {what}'
+    if most > 1.0 + TOLERANCE:
         raise LimitError(
-            f'shape_motion: {robot.tree.name}: {joint} must keep its limit of {what} at rest, got '
-            f'{factor:.4g} times that at the start or end of the motion, however slow',
+            f'{where} at rest, got {most:.4g} times that at the start or end of the motion, '
+            'however slow',
             math.inf,
         )
-    power = 1.0 if what == 'velocity' else 0.5
-    raise LimitError(f'{where}, got {factor:.4g} times that with {at}', factor**power)
+    slower = factor ** SLOWER.get(what, 0.5)
+    raise LimitError(f'{where}, got {factor:.4g} times that with {at}', slower)
 
 
-def _ends(plan: Plan) -> Plan:
-    """Return the first and last row of a plan."""
-    rows = [0, -1]
-    names = ('t', 'q', 'qd', 'qdd', 'torque', 'tip_error', 'tip_turn')
-    return replace(plan, **{name: getattr(plan, name)[rows] for name in names})
+def _most(use: LimitUse) -> tuple[str, float]:
+    """Return the limit that is used most, and its largest share."""
+    largest = use.largest
+    if not largest:
+        return '', 0.0
+    name = max(largest, key=lambda each: largest[each])
+    return name, largest[name]

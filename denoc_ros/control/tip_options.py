@@ -8,15 +8,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from denoc_ros.control.joint_limits import Given
+from denoc_ros.control.limit_rows import LimitOptions
+from denoc_ros.control.plan import Plan
 from denoc_ros.errors import StateError
 
+TIMES = ('asked', 'minimum')
 LARGEST_STRETCH = 10.0
 
 
-@dataclass(frozen=True)
-class TipOptions:
-    """Options of a tip-exact motion.
+@dataclass(frozen=True, kw_only=True)
+class TipOptions(LimitOptions):
+    """Options of a tip-exact motion; a motion that exceeds a limit is made slower.
 
     Attributes
     ----------
@@ -42,15 +44,18 @@ class TipOptions:
         40 ms.
     output_step : float, optional
         Between the rows of the plan [s]; default 4 ms.
-    velocity, acceleration, effort : optional
-        Limits of the driven joints in place of the URDF's: a number, one per joint, or by joint
-        name. A motion that exceeds them, or the URDF's of position, is made slower.
+    time : str
+        ``asked``: the motion takes the time that was asked for, or is made slower as a whole.
+        ``minimum``: its path stays and its timing is free: the shortest within the limits.
     stretch : float
         The largest factor by which it may be made slower; 1: it is refused.
+    near : Plan, optional
+        A plan of a similar motion with ``time='minimum'`` whose timing is begun with.
     progress : callable, optional
         Takes the share of the work that is done, 0 to 1.
     cancel : callable, optional
-        Returns True where the work must end: SolverError then.
+        Returns True where the work must end: SolverError then; with ``time='minimum'`` the best
+        plan within the limits so far, if there is one.
     """
 
     joints: Sequence[str] | None = None
@@ -62,9 +67,8 @@ class TipOptions:
     postaction: float | None = None
     step: float | None = None
     output_step: float | None = None
-    velocity: Given | None = None
-    acceleration: Given | None = None
-    effort: Given | None = None
+    time: str = 'asked'
+    near: Plan | None = None
     stretch: float = LARGEST_STRETCH
     progress: Callable[[float], object] | None = None
     cancel: Callable[[], bool] | None = None
@@ -75,8 +79,15 @@ class TipOptions:
         for name in ('draw', 'step', 'output_step'):
             _require(name, getattr(self, name), 0.0, strict=True)
         _require('stretch', self.stretch, 1.0, strict=False)
+        require_time(self.time)
         for weight in self.weights or ():
             _require('weights', weight, 0.0, strict=True)
+
+
+def require_time(time: str) -> None:
+    """Raise StateError where a time is none of `TIMES`."""
+    if time not in TIMES:
+        raise StateError(f'shape_motion: time must be one of {", ".join(TIMES)}, got {time!r}')
 
 
 def _require(name: str, value: float | None, least: float, strict: bool) -> None:

@@ -165,6 +165,23 @@ class TipProblem:
             force = force - self.loops.forces(q, qd, self.stiffness * multipliers)
         return np.asarray(force[:, self.driven])
 
+    def torque_change(
+        self, q: Array, qd: Array, qdd: Array, multipliers: Array, by: tuple[Array, ...]
+    ) -> Array:
+        """Return the change (k, driven, p) of the torque with that of what it is of.
+
+        `by` has the changes (k, n, p) of coordinates, rates and accelerations and (k, m, p) of the
+        multipliers.
+        """
+        driven, parts = self.driven, self.robot.inverse_dynamics_derivatives(q, qd, qdd)
+        found = sum(part[:, driven] @ change for part, change in zip(parts, by[:3], strict=True))
+        if self.loops.count:
+            by_q, by_qd = self.loops.force_derivative(q, qd, self.stiffness * multipliers)
+            jacobian = self.stiffness * self.loops.jacobian(q)[:, :, driven]
+            found = found - by_q[:, driven] @ by[0] - by_qd[:, driven] @ by[1]
+            found = found - jacobian.transpose(0, 2, 1) @ by[3]
+        return np.asarray(found)
+
     def errors(self, q: Array, rows: slice = slice(None)) -> Array:
         """Return the weighed errors (k, 6 targets) of all frames [m]."""
         found = [target.weighed(self.robot, q, rows) for target in self.targets]

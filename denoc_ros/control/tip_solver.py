@@ -10,7 +10,7 @@ import numpy as np
 from denoc_ros.control.block_band import BlockBand
 from denoc_ros.control.grid import REACH, differences, halfway
 from denoc_ros.control.tip_band import add_equations, add_momentum
-from denoc_ros.control.tip_problem import TipProblem
+from denoc_ros.control.tip_problem import Equations, Momentum, TipProblem
 from denoc_ros.errors import SolverError, StateError
 from denoc_ros.types import Array
 
@@ -205,54 +205,115 @@ def _newton(
 
     `hold` [m per rad or m] weighs the driven joints' change (Levenberg's term).
     """
-    q = motion[0]
-    k, n = q.shape
+    q, n = motion[0], motion[0].shape[1]
     equations, momentum = problem.equations(*motion), problem.momentum(*halfway(q, step))
     m, p = equations.by_multipliers.shape[2], equations.value.shape[1]
-    band = BlockBand(k, n + m + p + momentum.value.shape[1], REACH)
-    right = np.zeros((k, n + m + p + momentum.value.shape[1]))
     jacobian = problem.error_derivatives(q, errors)
+    band = _matrix(problem, jacobian, (equations, momentum), step, hold)
+    right = np.zeros((len(q), n + m + p + momentum.value.shape[1]))
     right[:, :n] = -np.einsum('kij,ki->kj', jacobian, errors)
-    hessian = jacobian.transpose(0, 2, 1) @ jacobian
-    _add_draw(problem, q, hessian, right)
-    hessian[:, problem.driven, problem.driven] += hold**2
-    _add_smoothness(problem, q, band, hessian, right)
-    for node, free in ((0, problem.end[:0]), (-1, problem.end)):
-        fixed = np.setdiff1d(np.arange(n), free)
-        hessian[node, fixed] = hessian[node, :, fixed] = 0.0
-        hessian[node, fixed, fixed] = 1.0
-        right[node, fixed] = 0.0
+    _add_pull(problem, -(q - problem.asked)[:, problem.driven], right)
+    _fix_ends(problem, right)
     right[:, n + m : n + m + p] = -equations.value
     right[:-1, n + m + p :] = -momentum.value
-    band.blocks(0, 0, 0, n, n)[...] += hessian
-    add_equations(equations, band, step, problem.end)
-    add_momentum(momentum, band, step, problem.end, n + m + p)
     solution = band.solve(right)
     if solution is None or not np.isfinite(solution).all():
         return None
     return solution[:, :n], solution[:, n : n + m]
 
 
-def _add_draw(problem: TipProblem, q: Array, hessian: Array, right: Array) -> None:
-    """Add the attraction of the driven joints to the wanted motion."""
-    j, weight = problem.driven, problem.draw**2
-    hessian[:, j, j] += weight
-    right[:, j] -= weight * (q - problem.asked)[:, j]
+def sensitivity(
+    problem: TipProblem, solved: Solved, step: float, path: tuple[Array, Array], moved: Array
+) -> tuple[Array, Array] | None:
+    """Return how a solution changes where what is asked moves along its path.
+
+    Parameters
+    ----------
+    problem : TipProblem
+    solved : Solved
+        Of the problem.
+    step : float
+        Between nodes [s].
+    path : (k, 6 targets) and (k, n) arrays
+        Weighed twists of the targets, and the asked coordinates, per unit of the path.
+    moved : (k, p) array
+        By how much each node moves along the path, per unit of each parameter.
+
+    Returns
+    -------
+    (k, n, p) and (k, m, p) arrays, or None where the equations have no solution
+        Of the coordinates and the multipliers.
+
+    Notes
+    -----
+    The implicit function of the conditions that :func:`settle` meets, by one factorization; the
+    part of their second derivatives that vanishes with the tip's error is left out.
+    """
+    q, n = solved.q, solved.q.shape[1]
+    motion = (q, *differences(q, step), solved.multipliers)
+    equations, momentum = problem.equations(*motion), problem.momentum(*halfway(q, step))
+    m, p = equations.by_multipliers.shape[2], equations.value.shape[1]
+    jacobian = problem.error_derivatives(q, problem.errors(q))
+    band = _matrix(problem, jacobian, (equations, momentum), step, 0.0)
+    right = np.zeros((len(q), n + m + p + momentum.value.shape[1], moved.shape[1]))
+    twists, asked = path
+    right[:, :n] = np.einsum('kij,ki->kj', jacobian, twists)[:, :, None] * moved[:, None]
+    _add_pull(problem, asked[:, problem.driven, None] * moved[:, None], right)
+    _fix_ends(problem, right)
+    solution = band.solve(right)
+    if solution is None or not np.isfinite(solution).all():
+        return None
+    return solution[:, :n], solution[:, n : n + m]
 
 
-def _add_smoothness(
-    problem: TipProblem, q: Array, band: BlockBand, hessian: Array, right: Array
-) -> None:
-    """Add the cost of second differences of the driven joints' distance from the wanted ones.
+def _matrix(
+    problem: TipProblem,
+    jacobian: Array,
+    rows: tuple[Equations, Momentum],
+    step: float,
+    hold: float,
+) -> BlockBand:
+    """Return the matrix of a Gauss-Newton step: the costs' Hessian and the equations."""
+    equations, momentum = rows
+    k, p, n = equations.by_q.shape
+    m = equations.by_multipliers.shape[2]
+    band = BlockBand(k, n + m + p + momentum.value.shape[1], REACH)
+    hessian = jacobian.transpose(0, 2, 1) @ jacobian
+    hessian[:, problem.driven, problem.driven] += problem.draw**2 + hold**2
+    _add_smoothness(problem, band, hessian)
+    for node, free in ((0, problem.end[:0]), (-1, problem.end)):
+        fixed = np.setdiff1d(np.arange(n), free)
+        hessian[node, fixed] = hessian[node, :, fixed] = 0.0
+        hessian[node, fixed, fixed] = 1.0
+    band.blocks(0, 0, 0, n, n)[...] += hessian
+    add_equations(equations, band, step, problem.end)
+    add_momentum(momentum, band, step, problem.end, n + m + p)
+    return band
+
+
+def _fix_ends(problem: TipProblem, right: Array) -> None:
+    """Keep the coordinates that do not move at the first and last node."""
+    right[0, : problem.robot.n] = 0.0
+    right[-1, np.setdiff1d(np.arange(problem.robot.n), problem.end)] = 0.0
+
+
+def _add_pull(problem: TipProblem, apart: Array, right: Array) -> None:
+    """Add what draws the driven joints by distances (k, driven, …), and those' bends."""
+    j, weight, k = problem.driven, problem.smooth**2, len(apart)
+    right[:, j] += problem.draw**2 * apart
+    bend = apart[:-2] - 2.0 * apart[1:-1] + apart[2:]
+    for row, share in enumerate(BENDS):
+        right[row : k - 2 + row, j] += weight * share * bend
+
+
+def _add_smoothness(problem: TipProblem, band: BlockBand, hessian: Array) -> None:
+    """Add what the second differences of the driven joints' distance from the asked ones cost.
 
     Without it, vibrations near the grid's highest frequency in which the tip stands still (zeros
     of the robot that neither grow nor decay) would be found only to a few digits.
     """
-    j, weight, k = problem.driven, problem.smooth**2, len(q)
-    apart = (q - problem.asked)[:, j]
-    bend = apart[:-2] - 2.0 * apart[1:-1] + apart[2:]
+    j, weight, (k, n) = problem.driven, problem.smooth**2, hessian.shape[:2]
     for row, share in enumerate(BENDS):
-        right[row : k - 2 + row, j] -= weight * share * bend
         at = np.zeros(k)
         at[row : k - 2 + row] = weight * share**2
         hessian[:, j, j] += at[:, None]
@@ -264,5 +325,5 @@ def _add_smoothness(
         if not len(problem.end):
             entry[-1] = 0.0
         for sign in (1, -1):
-            view = band.blocks(sign * offset, 0, 0, q.shape[1], q.shape[1])
+            view = band.blocks(sign * offset, 0, 0, n, n)
             view[:, j, j] += entry

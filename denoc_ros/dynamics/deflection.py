@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from denoc_ros.dynamics.component_section import ComponentSection
 from denoc_ros.dynamics.segmented_section import SegmentedSection
 from denoc_ros.kernels.compiled import ready
 from denoc_ros.kernels.tip_deflection import ROTATIONS, segmented_tip, tip_deflections
@@ -41,7 +42,13 @@ class TipDeflections:
     """
 
     def __init__(self, robot: Robot) -> None:
-        self.links = tuple(beam.link for beam in whole_beams(robot.tree))
+        beams = {beam.link for beam in whole_beams(robot.tree)}
+        bodies = robot.tree.bodies
+        self.links = tuple(
+            body.name
+            for body in bodies
+            if body.name in beams or (body.modes is not None and body.modes.tip)
+        )
         self.names = tuple(f'{link}/{part}' for link in self.links for part in COMPONENTS)
         n, count = robot.n, len(self.links)
         # first the rows of what is linear, then those of the shortening
@@ -49,10 +56,14 @@ class TipDeflections:
         self._owner = np.zeros((count, n))  # -1/2 at a link's own amplitudes
         ready(tip_deflections)
         self._composed: list[tuple[slice, tuple[Array, Array, Array], slice]] = []
+        self._frames: list[tuple[slice, ComponentSection, slice]] = []
         self._turns = np.zeros(ROTATIONS)
         linear, shortening = self._rows[: 6 * count], self._rows[6 * count :]
         for index, link in enumerate(self.links):
             tip, own = robot.section(link)
+            if isinstance(tip, ComponentSection):
+                self._frames.append((slice(6 * index, 6 * index + 6), tip, own))
+                continue
             if isinstance(tip, SegmentedSection):
                 self._composed.append((slice(6 * index, 6 * index + 6), tip.ends, own))
                 continue
@@ -84,4 +95,6 @@ class TipDeflections:
         tip_deflections(self._rows, self._owner, q, qd, position, rate)
         for part, ends, own in self._composed:
             segmented_tip(*ends, q[own], qd[own], self._turns, position[part], rate[part])
+        for part, frame, own in self._frames:
+            position[part], rate[part] = frame.deflection(q[own]), frame.rate(q[own], qd[own])
         return position, rate

@@ -162,6 +162,7 @@ class TorqueFeedforward:
         """Forget the amplitudes: the next update starts from equilibrium."""
         self._settled = False
         self._spent = 0
+        self._rest[self._flexible] = 0.0
         self._motors.reset()
         self._equilibrium.forget()
         if not (np.isfinite(self.q).all() and np.isfinite(self.qd).all()):
@@ -250,7 +251,8 @@ class TorqueFeedforward:
         """Return the torque (driven joints,) that carries the weight at rest at joints q.
 
         Zero without the gravity term, and in free fall, which a base that floats is in. Does not
-        touch the state of a motion; amplitudes count as they are.
+        touch the state of a motion; amplitudes count as they are in it, and without one as they
+        are in equilibrium.
         """
         if not self.terms.gravity or self._base.floats:
             self._result[:] = 0.0
@@ -258,11 +260,25 @@ class TorqueFeedforward:
         state = self._state
         # loops close from the last posture that did: the next one is near it
         state[:] = self._rest
-        state[self._flexible] = self.q[self._flexible] if self.terms.elastic else 0.0
+        settles = (self._moves or self._sags) and not self._settled
+        if not settles:
+            state[self._flexible] = self.q[self._flexible] if self.terms.elastic else 0.0
         self.motion.positions(state, q)
+        if settles:
+            self._sag(state)
         self._rest[:] = state
         self.robot.inverse_dynamics(state, self._zero, self._zero, out=self._full, check=False)
         return self.motion.reduce(self._full, self._result)
+
+    def _sag(self, state: Array) -> None:
+        """Put the amplitudes of a state (n,) at rest into equilibrium; undeformed without one."""
+        straight = state.copy()
+        straight[self._flexible] = 0.0
+        try:
+            if not self._equilibrium.follow(state):
+                self._equilibrium.find(state, self.patience)
+        except SolverError:
+            state[:] = straight
 
     def _place(self, q: Array, qd: Array, qdd: Array) -> None:
         """Put the desired motion into the state's joints."""

@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 from denoc_ros.dynamics import structure
 from denoc_ros.dynamics.base_motion import Base
 from denoc_ros.dynamics.batch import run_rows
-from denoc_ros.dynamics.section import Section
+from denoc_ros.dynamics.component_section import AnySection
 from denoc_ros.dynamics.segmented_section import SegmentedSection
 from denoc_ros.dynamics.tree_dynamics import KernelOperation, TreeDynamics
 from denoc_ros.dynamics.validation import as_output, as_states, same_rows
@@ -122,9 +122,7 @@ class KinematicDerivatives(TreeDynamics):
         made = self._of_motion(ACCELERATION, frame, q, qd, qdd, out)
         return made[..., 0, :, :], made[..., 1, :, :], made[..., 2, :, :]
 
-    def section(
-        self, link: str, station: float | None = None
-    ) -> tuple[Section | SegmentedSection, slice]:
+    def section(self, link: str, station: float | None = None) -> tuple[AnySection, slice]:
         """Return the cross-section of a link's beam (default the tip) and its amplitudes."""
         key = (link, station)
         if key not in self._sections:
@@ -172,7 +170,7 @@ class KinematicDerivatives(TreeDynamics):
         """
         section, own = self.section(link, station)
         qd = as_states('qd', qd, self.n)
-        if isinstance(section, Section):
+        if not isinstance(section, SegmentedSection):
             rows = section.jacobian_rate(qd[..., own])
         elif q is None:
             raise StateError(f'link {link!r}: q must be given where it has segments, got none')

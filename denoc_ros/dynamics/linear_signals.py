@@ -105,7 +105,7 @@ def _read(robot: SensorValues, state: tuple[Array, Array, Array], given: str) ->
 
 def _sensors(robot: SensorValues, state: tuple[Array, Array, Array], given: str) -> Outputs:
     names = robot.sensor_names
-    rows = robot.sensor_derivatives(*state)
+    rows = robot.sensor_derivatives(*state, by_shapes=True)
     if given == 'sensors':
         return Outputs(names, *rows)
     if given in names:

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from denoc_ros.dynamics.derivatives import DifferentiableModel
 from denoc_ros.dynamics.springs import elasticity
+from denoc_ros.dynamics.structure import body_amplitudes
 from denoc_ros.dynamics.validation import require_rotors
 from denoc_ros.kernels import inverse_derivatives, load_derivatives
 from denoc_ros.types import Array
@@ -32,11 +33,9 @@ class NaturalModes(NamedTuple):
 def difference_steps(robot: DifferentiableModel) -> Array:
     """Return the difference step of each coordinate: rad, or a share of the beam's length."""
     steps = np.full(robot.n, STEP)
-    for body in robot.tree.bodies:
-        if body.beam is not None and any(body.beam.modes):
-            first = robot.amplitudes(body.name).start
-            bending = body.beam.modes[0] + body.beam.modes[1]
-            steps[first : first + bending] *= body.beam.length
+    for k, body in enumerate(robot.tree.bodies):
+        if body.amplitudes:  # of a link of several segments, each is a body
+            steps[body_amplitudes(robot, k)] *= body.spans
     return steps
 
 

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from denoc_ros.dynamics import constraints
-from denoc_ros.dynamics.constrained_derivatives import DifferentiableMechanism
 from denoc_ros.dynamics.constraint_derivatives import force_derivatives
 from denoc_ros.dynamics.linear_model import LinearModel
 from denoc_ros.dynamics.linear_signals import read_inputs, read_outputs
@@ -23,7 +22,7 @@ Int = NDArray[np.int64]
 State = tuple[Array, Array, Array]
 
 
-class Linearizable(DifferentiableMechanism, SensorValues):
+class Linearizable(SensorValues):
     """Linear models of a robot about a state."""
 
     def linearize(

@@ -65,7 +65,13 @@ def find_columns(robot: RobotModel, paths: Sequence[str]) -> list[Column]:
         With every path that gives none.
     """
     names, columns, findings = damping_names(robot.tree), [], []
-    finders = {'beam': _beam, 'joint': _joint, 'payload': _payload, 'link': _link}
+    finders = {
+        'beam': _beam,
+        'flexible': _flexible,
+        'joint': _joint,
+        'payload': _payload,
+        'link': _link,
+    }
     for path in paths:
         kind, _, rest = names.get(path, path).partition('.')
         try:
@@ -133,6 +139,25 @@ def _beam(robot: RobotModel, rest: str) -> Column:
         if bent and len(parts) > 1:
             return _together([_deformation(robot, i, beam, parts) for i, beam in bodies])
     raise _known(_beam_paths(robot))
+
+
+def _flexible(robot: RobotModel, rest: str) -> Column:
+    """Return the column of `<link>.<stiffness|damping|damping_ratio>` of component modes."""
+    link, _, field = rest.rpartition('.')
+    for index, body in enumerate(robot.tree.bodies):
+        if body.name != link or (modes := body.modes) is None:
+            continue
+        row = robot.arrays.topology[robot.arrays.body_rows[index]].astype(int)
+        first = int(row[layout.COORDINATE] + row[layout.JOINT])
+        own = slice(first, first + modes.count)
+        if field == 'stiffness':
+            return _diagonal(robot, 'stiffness', own, modes.link.stiffness)
+        if field == 'damping':
+            return _diagonal(robot, 'damping', own, 1.0)
+        if field == 'damping_ratio':
+            return _diagonal(robot, 'damping', own, modes.critical_damping)
+    flexible = [body.name for body in robot.tree.bodies if body.modes is not None]
+    raise _known([f'flexible.{each}.<stiffness|damping|damping_ratio>' for each in flexible])
 
 
 def _together(columns: Sequence[Column]) -> Column:

@@ -16,9 +16,8 @@ from denoc_ros.dynamics.base_motion import (
     as_base_motion,
     on_base,
 )
+from denoc_ros.dynamics.component_section import AnySection
 from denoc_ros.dynamics.payload import payload_inertia
-from denoc_ros.dynamics.section import Section
-from denoc_ros.dynamics.segmented_section import SegmentedSection
 from denoc_ros.dynamics.validation import as_vector, require_finite, require_rotors
 from denoc_ros.dynamics.workspace import Workspace
 from denoc_ros.errors import SolverError, StateError
@@ -120,9 +119,7 @@ class RobotModel:
         self._use(self.new_workspace())
         self._zero = np.zeros(self.n)
         self._square = (self.n, self.n)  # of a matrix over the coordinates
-        self._sections: dict[
-            tuple[str, float | None], tuple[Section | SegmentedSection, slice]
-        ] = {}
+        self._sections: dict[tuple[str, float | None], tuple[AnySection, slice]] = {}
 
     def _use(self, workspace: Workspace) -> None:
         self._workspace = workspace
@@ -264,7 +261,7 @@ class RobotModel:
         """
         row = self._carrier(frame)
         attachment = self.tree.frames.get(frame)
-        if row == 0 or attachment is None or attachment.station != 0.0:
+        if row == 0 or attachment is None or attachment.deforms:
             raise StateError(f'frame {frame!r} must be a link that moves, got one that does not')
         payload = payload_inertia(attachment.placement, mass, com, inertia)
         self._payloads[frame] = inertia_row(payload, self.arrays.axes[row - 1])

@@ -10,16 +10,23 @@ from numpy.typing import ArrayLike, NDArray
 from denoc_ros.dynamics import structure
 from denoc_ros.dynamics.base_motion import Base
 from denoc_ros.dynamics.batch import run_rows
+from denoc_ros.dynamics.constrained_derivatives import DifferentiableMechanism
 from denoc_ros.dynamics.kinematic_derivatives import KinematicDerivatives
+from denoc_ros.dynamics.outboard_loads import OutboardLoads
 from denoc_ros.dynamics.rotations import cross_matrices
 from denoc_ros.dynamics.validation import as_states, same_rows
 from denoc_ros.kernels import inertial
+from denoc_ros.model.arrays import ModelArrays
 from denoc_ros.model.tree import InertialSensor
 from denoc_ros.types import Array
 
 
-class SensorValues(KinematicDerivatives):
+class SensorValues(DifferentiableMechanism, KinematicDerivatives):
     """Predicted values of gauges, load cells, deflection sensors, IMUs and accelerometers."""
+
+    def _adopt(self, arrays: ModelArrays) -> None:
+        super()._adopt(arrays)
+        self._outboard: OutboardLoads | None = None  # of this robot alone: it has a workspace
 
     @property
     def sensor_names(self) -> tuple[str, ...]:
@@ -39,7 +46,9 @@ class SensorValues(KinematicDerivatives):
         ----------
         q : (n,) or (k, n)
         qd, qdd : (n,) or (k, n), optional
-            What IMUs and accelerometers need; default zero: the robot stands still.
+            What IMUs and accelerometers need; default zero: the robot stands still. With qdd,
+            gauges and load cells read the moment and shear of all that lies outboard of them
+            (:class:`OutboardLoads`), without it the curvature of the beam's shapes.
         base : (twist, acceleration[, pose]), optional
             Of a base that moves, as of :meth:`Robot.inverse_dynamics`.
 
@@ -54,10 +63,10 @@ class SensorValues(KinematicDerivatives):
             zero = self._zero
             return self._on_base(
                 base, self.sensor_values, q, zero if qd is None else qd,
-                zero if qdd is None else qdd,
+                *(() if qdd is None else (qdd,)),
             )  # fmt: skip
         q = as_states('q', q, self.n)
-        on_beams = self.beam_sensor_values(q)
+        on_beams = self.beam_sensor_values(q, qd, qdd)
         if not self.tree.inertial_sensors:
             return on_beams
         zero = self._zero
@@ -76,11 +85,16 @@ class SensorValues(KinematicDerivatives):
             values[:, sensor.first : sensor.first + count] = motion[:, k, -count:]
         return values[0] if single else values
 
-    def beam_sensor_values(self, q: ArrayLike) -> Array:
+    def beam_sensor_values(
+        self, q: ArrayLike, qd: ArrayLike | None = None, qdd: ArrayLike | None = None
+    ) -> Array:
         """Return the predicted values of the sensors on beams alone, as `tree.sensors` has them.
 
-        They read the shape of a beam, so rates and accelerations do not matter to them.
+        Without qdd they read the shape of a beam, so rates do not matter to them.
         """
+        if qdd is not None and self.tree.sensors:
+            rate = self._zero if qd is None else qd
+            return self.beam_sensor_values(q) + self.beyond_shapes(q, rate, qdd)
         q = as_states('q', q, self.n)
         values = np.empty((*q.shape[:-1], len(self.tree.sensors)))
         for k, sensor in enumerate(self.tree.sensors):
@@ -92,24 +106,46 @@ class SensorValues(KinematicDerivatives):
             values[..., k] = moved[..., 1 if sensor.direction == 'y' else 2]
         return values
 
+    def beyond_shapes(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> Array:
+        """Return what values of sensors on beams (..., sensors) have beyond their shapes'."""
+        return self._loads().values(self, *self._states(q, qd, qdd))
+
+    def beyond_shapes_by_accelerations(self, q: ArrayLike) -> Array:
+        """Return the derivatives (sensors, n) of `beyond_shapes` by q'' at q (n,)."""
+        return self._loads().by_accelerations(self, as_states('q', q, self.n))
+
+    def _loads(self) -> OutboardLoads:
+        if self._outboard is None:
+            self._outboard = OutboardLoads(self)
+        return self._outboard
+
+    def _states(self, *given: ArrayLike) -> list[Array]:
+        """Return q, q', q'', all (n,) or all rows."""
+        states = [as_states(a, x, self.n) for a, x in zip(('q', 'qd', 'qdd'), given, strict=True)]
+        return states if all(state.ndim == 1 for state in states) else same_rows(states)
+
     def sensor_derivatives(
-        self, q: ArrayLike, qd: ArrayLike | None = None, qdd: ArrayLike | None = None
+        self,
+        q: ArrayLike,
+        qd: ArrayLike | None = None,
+        qdd: ArrayLike | None = None,
+        by_shapes: bool = False,
     ) -> tuple[Array, Array, Array]:
         """Return the derivatives of the sensors' values by q, q' and q'', (values, n) each.
 
-        Of rows (k, values, n). Sensors on beams read their shape: those by q' and q'' are zero.
-        Of inertial sensors qd and qdd are zero by default.
+        Of rows (k, values, n). Without qdd, or `by_shapes`, sensors on beams read their shape:
+        those by q' and q'' are zero. Of inertial sensors qd and qdd are zero by default.
         """
-        states = [as_states('q', q, self.n)]
-        states += [
-            self._zero if x is None else as_states(a, x, self.n)
-            for a, x in (('qd', qd), ('qdd', qdd))
-        ]
-        if any(state.ndim == 2 for state in states):
-            states = same_rows(states)
+        zero, moments = self._zero, qdd is not None and not by_shapes
+        states = self._states(q, zero if qd is None else qd, zero if qdd is None else qdd)
         shape = (*states[0].shape[:-1], len(self.sensor_names), self.n)
         by_q, by_qd, by_qdd = (np.zeros(shape) for _ in range(3))
-        by_q[..., self.tree.beam_sensor_places, :] = self.beam_sensor_rows(states[0])
+        places = self.tree.beam_sensor_places
+        by_q[..., places, :] = self.beam_sensor_rows(states[0])
+        if moments and places:
+            found = self._loads().derivatives(self, *states)
+            for whole, beyond in zip((by_q, by_qd, by_qdd), found, strict=True):
+                whole[..., places, :] += beyond
         for sensor in self.tree.inertial_sensors:
             part = slice(sensor.first, sensor.first + len(sensor.parts))
             found = self._inertial_derivatives(sensor, states)

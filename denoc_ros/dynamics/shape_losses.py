@@ -111,7 +111,7 @@ def _stations(robot: Robot, beam: WholeBeam) -> dict[str, float]:
 def _loaded(robot: Robot) -> list[int]:
     """Return the bodies that have a mass, or that carry one."""
     bodies = robot.tree.bodies
-    loaded = {k for k, body in enumerate(bodies) if body.inertia.mass > 0.0 or body.beam}
+    loaded = {k for k, body in enumerate(bodies) if body.inertia.mass > 0.0 or body.amplitudes}
     for k in sorted(loaded, reverse=True):
         while (k := bodies[k].attachment.body) >= 0:
             loaded.add(k)

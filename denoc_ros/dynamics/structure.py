@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import scipy.linalg
 
+from denoc_ros.dynamics.component_section import AnySection, ComponentSection
 from denoc_ros.dynamics.robot_model import RobotModel
 from denoc_ros.dynamics.section import Section
 from denoc_ros.dynamics.segmented_section import SegmentedSection
@@ -29,7 +30,15 @@ def whole_beam(robot: RobotModel, link: str) -> WholeBeam:
         if beam.link == link:
             return beam
     flexible = [beam.link for beam in beams]
+    if component_body(robot, link) is not None:
+        raise StateError(f'link must be one with a <beam> of {flexible}, got <flexible> {link!r}')
     raise StateError(f'link must be a flexible one of {flexible}, got {link!r}')
+
+
+def component_body(robot: RobotModel, link: str) -> int | None:
+    """Return the index of the body of a link with component modes, None of any other."""
+    bodies = enumerate(robot.tree.bodies)
+    return next((k for k, body in bodies if body.name == link and body.modes is not None), None)
 
 
 def amplitudes(robot: RobotModel, link: str) -> slice:
@@ -37,6 +46,8 @@ def amplitudes(robot: RobotModel, link: str) -> slice:
     for index, body in enumerate(robot.tree.bodies):
         if body.name == link and body.segment > 1:
             return body_amplitudes(robot, index)
+    if (component := component_body(robot, link)) is not None:
+        return body_amplitudes(robot, component)
     beam = whole_beam(robot, link)
     first = body_amplitudes(robot, beam.first).start
     return slice(first, first + beam.segments * beam.modes)
@@ -49,10 +60,20 @@ def body_amplitudes(robot: RobotModel, index: int) -> slice:
     return slice(first, first + int(row[layout.MODES]))
 
 
-def find_section(
-    robot: RobotModel, link: str, station: float | None
-) -> tuple[Section | SegmentedSection, slice]:
-    """Return a section of a link's beam (default its tip) and its amplitudes' slice."""
+def find_section(robot: RobotModel, link: str, station: float | None) -> tuple[AnySection, slice]:
+    """Return a section of a link's beam (default its tip) and its amplitudes' slice.
+
+    Of a link with component modes: the frame that is farthest from its origin, no station.
+    """
+    if (index := component_body(robot, link)) is not None:
+        modes = robot.tree.bodies[index].modes
+        assert modes is not None
+        if station is not None or not modes.tip:
+            got = 'no frame' if station is None else f'{station}'
+            rule = 'station must be left out, and its file have a frame'
+            raise StateError(f'flexible link {link!r}: {rule}, got {got}')
+        found = ComponentSection(modes.link, modes.tip, robot.geometric_stiffness)
+        return found, body_amplitudes(robot, index)
     beam = whole_beam(robot, link)
     at = beam.length if station is None else float(station)
     if not 0.0 <= at <= beam.length:

@@ -236,38 +236,36 @@ class AmplitudeFilter:
             np.matmul(self._scratch, self._transition.T, out=self.covariance)
             loads += added
 
-    def correct(
-        self, rows: Array, noise: Array, values: Array, gate: float, state: Array, lag: float
+    def line_error(self, rows: Array, lag: float) -> Array:
+        """Return the deviation (k,) of values of `lag` ago [s] by a line through amplitudes now.
+
+        By half of lag^2 M^-1 K d, what the amplitudes are uncertain by.
+        """
+        m = self._m
+        bent = 0.5 * lag**2 * rows @ (self.mobility * self.stiffness)
+        return np.asarray(np.sqrt(np.einsum('ki,ij,kj->k', bent, self.covariance[:m, :m], bent)))
+
+    def correct_rows(
+        self, rows: Array, noise: Array, values: Array, gate: float, state: Array
     ) -> Array:
-        """Take values of one time in, one after another; correct the state (3 m,) in place.
+        """Take values of one time in, one after another; correct the state (3 m + c,) in place.
 
         Parameters
         ----------
-        rows : (k, m) array
-            The values' derivatives by the amplitudes.
+        rows : (k, 3 m + c) array
+            The values' derivatives by the state.
         noise, values : (k,) arrays
             Standard deviations, and what was measured.
         gate : float
             Standard deviations of an innovation beyond which a value is refused.
-        state : (3 m,) array
+        state : (3 m + c,) array
             Expected.
-        lag : float
-            How long before the state's time the values were measured [s].
 
         Returns
         -------
         (k,) array of bool
             Which were not refused.
         """
-        whole = np.zeros((len(values), len(state)))
-        whole[:, : self._m] = rows
-        whole[:, self._m : 2 * self._m] = -lag * rows
-        return self.correct_rows(whole, noise, values, gate, state)
-
-    def correct_rows(
-        self, rows: Array, noise: Array, values: Array, gate: float, state: Array
-    ) -> Array:
-        """Take values in whose rows (k, 3 m + c) are over the whole state; else as `correct`."""
         taken = np.zeros(len(values))
         take_values(self.covariance, rows, noise, values, gate, state, self._gain, taken)
         return np.asarray(taken > 0.0)
@@ -294,10 +292,15 @@ def load_shapes(robot: Robot) -> tuple[Array, NDArray[np.intp], Array]:
     for body in robot.tree.bodies:  # each segment of a link by itself
         if not is_flexible(body):
             continue
-        assert body.beam is not None
-        section = Section(body.beam, body.beam.length, robot.geometric_stiffness)
         own = robot.amplitudes(body.name)
         base, start = int(np.searchsorted(flexible, own.start)), 0
+        if body.modes is not None:  # each mode by itself
+            part = slice(base, base + body.amplitudes)
+            shape[part, part] = (1.0 + SPREAD**2) * np.eye(body.amplitudes)
+            first[part], lengths[part] = np.arange(part.start, part.stop), body.spans
+            continue
+        assert body.beam is not None
+        section = Section(body.beam, body.beam.length, robot.geometric_stiffness)
         for count, component in zip(body.beam.modes, TIP, strict=True):
             part = slice(base + start, base + start + count)
             tip = section.linear[component, start : start + count]

@@ -27,6 +27,7 @@ Value = tuple[float, int, float]  # stamp, place, value
 WAITING = 1024  # values at most that wait for the joints' motion up to their stamps
 WIDER, MOST_DOUBT = 3.0, 1000.0  # times the error at the start, each time a sensor is believed
 UNSEEN = 0.1  # of the error at the start that inertial sensors alone are to find
+CREEP = 0.1  # of a step, by which a sensor may come later with each value
 MOST_STEPS = 250  # a covariance older than this is started anew
 
 
@@ -88,7 +89,8 @@ class StrainFusion:
     free : int array, optional
         Coordinates whose motion is not given to the model; default the amplitudes.
     accelerations : callable, optional
-        What inertial sensors need: see :class:`InertialRows`.
+        What inertial sensors need, as of :class:`InertialRows`, and gauges where the beam's own
+        inertia bends it. Without it, and on robots with loops, gauges read the beams' shapes.
 
     Attributes
     ----------
@@ -133,6 +135,11 @@ class StrainFusion:
         self._m = m = len(self._flexible)
         self._rows = sensor_rows(robot)[:, self._flexible]
         self._shift = np.zeros(len(sensors))  # of the values against rows . amplitudes
+        # what gauges read beyond the beams' shapes: now, and as a line over [d; d'; f]
+        self._beyond, self._constant = np.zeros((2, len(sensors)))
+        self._moved = np.zeros((len(sensors), 3 * m))
+        self._mobility: Array | None = None  # for which the line is
+        self._moments = bool(sensors) and accelerations is not None and not robot.tree.loops
         self._bent = robot if composed_sensors(robot) else None
         self._noise = np.array([sensor.noise for sensor in sensors])
         self.filter = AmplitudeFilter(
@@ -153,6 +160,7 @@ class StrainFusion:
         self.counts: list[Counter[str]] = [Counter() for _ in self.names]
         self.heard = np.full(len(self.names), np.nan)
         self._refused_since = np.full(len(self.names), np.nan)
+        self._behind = np.full(len(self.names), np.nan)  # the joints, at least [s]
         self._doubt, self._calming = 1.0, math.exp(-step / (10.0 * settings.patience))
         self._time = math.nan  # of the covariance
 
@@ -202,6 +210,8 @@ class StrainFusion:
         if not (math.isfinite(value) and math.isfinite(stamp)):
             counts['not_finite'] += 1
             return False
+        behind = max(self._trail.last - stamp, 0.0) if len(self._trail) else 0.0
+        self._behind[place] = np.fmin(behind, self._behind[place] + CREEP * self._step)
         if stamp == self.heard[place]:
             counts['repeated'] += 1
             return False
@@ -215,12 +225,15 @@ class StrainFusion:
     def correct(self, q: Array, qd: Array) -> None:
         """Correct the newest state (n,) in place by the values that it has come up to."""
         waiting, trail, near = self._waiting, self._trail, 0.5 * self._step
-        if not waiting or waiting[0][0] > trail.last + near:
+        until = trail.last + near - self._hold()
+        if not waiting or waiting[0][0] > until:
             return
         self.filter.linearize(q)
         if self._bent is not None:
             self._relinearize(self._bent, q)
-        while waiting and waiting[0][0] <= trail.last + near:
+        if self._moments:
+            self._find_moments(q, qd)
+        while waiting and waiting[0][0] <= until:
             # those of one instant together: their clocks need not agree to the last digit
             first = waiting[0][0]
             count = bisect.bisect_right(waiting, (first + near, len(self.names), 0.0))
@@ -239,11 +252,41 @@ class StrainFusion:
         q[self._flexible] = newest[: self._m]
         qd[self._flexible] = newest[self._m :]
 
+    def _hold(self) -> float:
+        """Return how long values wait for those of sensors that come later [s].
+
+        A value from before the last one taken in would count by a line through the amplitudes,
+        which fast modes leave within milliseconds. Inertial sensors' values cannot wait.
+        """
+        if self.inertial.names:
+            return 0.0
+        heard = self._trail.last - self.heard <= self._max_age
+        return float(self._behind[heard].max(initial=0.0))
+
     def _relinearize(self, robot: Robot, q: Array) -> None:
         """Take the sensors' rows about a state (n,): deflections of segments are not linear."""
         rows = robot.beam_sensor_rows(q)
         self._rows = rows[:, self._flexible]
         self._shift = robot.beam_sensor_values(q) - rows @ q
+
+    def _find_moments(self, q: Array, qd: Array) -> None:
+        """Find what gauges read beyond the shapes at the newest state (n,), and how it changes.
+
+        With d'' = M^-1 (f - K d - C d' + ...) its derivatives by [d; d'; f] are
+        R M^-1 [-K, -C, 1], R those by d''.
+        """
+        assert self._accelerations is not None
+        robot, qdd, _ = self._accelerations(self._trail.last, q, qd)
+        self._beyond = robot.beyond_shapes(q, qd, qdd)
+        model, m = self.filter, self._m
+        if self._mobility is not model.held_mobility:
+            self._mobility = model.held_mobility
+            by_force = robot.beyond_shapes_by_accelerations(q)[:, self._flexible] @ self._mobility
+            self._moved[:, :m] = -by_force * model.stiffness
+            self._moved[:, m : 2 * m] = -by_force * model.damping
+            self._moved[:, 2 * m :] = by_force
+        now = np.concatenate((q[self._flexible], qd[self._flexible], self.loads))
+        self._constant = self._beyond - self._moved @ now
 
     def _late(self, group: list[Value]) -> None:
         for _, place, _ in group:
@@ -300,12 +343,23 @@ class StrainFusion:
         if lag:
             # the covariance is of later: the amplitudes of then are led there by their rates
             expected[: self._m] += lag * expected[self._m : 2 * self._m]
-        values = np.array([value for _, _, value in group]) - self._shift[places]
+        m, settings = self._m, self._settings
+        values = np.array([value for _, _, value in group])
+        values -= self._shift[places] + self._constant[places]
         state = expected.copy()
-        rows = self._rows[places]
-        change = rows @ expected[self._m : 2 * self._m]  # of the values per second
-        noise = np.hypot(self._noise[places], self._settings.timing_error * change)
-        taken = self.filter.correct(rows, noise, values, self._settings.gate, state, lag)
+        rows = np.zeros((len(places), len(state)))
+        rows[:, : 3 * m] = self._moved[places]
+        rows[:, :m] += self._rows[places]
+        change = rows[:, :m] @ expected[m : 2 * m]  # of the values per second
+        noise = np.sqrt(
+            self._noise[places] ** 2
+            + (settings.timing_error * change) ** 2
+            + (settings.model_error * self._beyond[places]) ** 2
+        )
+        if lag:
+            noise = np.hypot(noise, self.filter.line_error(rows[:, :m], lag))
+            rows[:, m : 2 * m] -= lag * rows[:, :m]
+        taken = self.filter.correct_rows(rows, noise, values, settings.gate, state)
         for place, good in zip(places, taken.tolist(), strict=True):
             self._judge(place, stamp, good, q)
         self._spread(state - expected, max(stamp, self._time))
@@ -365,6 +419,7 @@ class StrainFusion:
         self.biases[:], self.shares[:] = other.biases, other.shares
         self.inertial.forget()
         self.heard, self.counts, self._time = other.heard, other.counts, other._time
+        self._behind = other._behind
         return True
 
 

@@ -111,7 +111,7 @@ class InertialRows:
         self, robot: Robot, q: Array, qd: Array, qdd: Array, model: AmplitudeFilter
     ) -> None:
         flexible, m = robot.flexible_indices, len(robot.flexible_indices)
-        derivatives = robot.sensor_derivatives(q, qd, qdd)
+        derivatives = robot.sensor_derivatives(q, qd, qdd, by_shapes=True)
         self._by_acceleration = derivatives[2][self._places]
         by_q, by_qd, by_qdd = (each[self._places][:, flexible] for each in derivatives)
         answer = by_qdd @ model.held_mobility

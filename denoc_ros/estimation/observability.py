@@ -73,7 +73,8 @@ def observability(robot: Robot, q: Array) -> list[ObservedState]:
     flexible = robot.flexible_indices
     if not len(kept) or not len(flexible) or robot.constraint_names:
         return []
-    derivatives = robot.sensor_derivatives(q)
+    zero = np.zeros(robot.n)
+    derivatives = robot.sensor_derivatives(q, zero, zero)
     rows = [each[kept][:, flexible] / noise[kept, None] for each in derivatives]
     prior = _amplitude_deviations(robot)[flexible]
     return [*_modes(robot, q, rows, prior), *_biases(robot, rows[0], noise, kept, prior)]
@@ -127,8 +128,6 @@ def _amplitude_deviations(robot: Robot) -> Array:
     """Return how far each coordinate may be off before (n,): of joints not looked at."""
     deviations = np.full(robot.n, DEFLECTION)
     for k, body in enumerate(robot.tree.bodies):
-        if body.beam is not None:
-            first = body_amplitudes(robot, k).start
-            bending = body.beam.modes[0] + body.beam.modes[1]
-            deviations[first : first + bending] *= body.beam.length
+        if body.amplitudes:
+            deviations[body_amplitudes(robot, k)] *= body.spans
     return deviations

@@ -116,9 +116,11 @@ class Observer:
                 settings.fusion,
                 settings.max_age,
                 self._free if settings.source == 'joints' else np.arange(robot.n),
-                self._accelerations,
+                self.accelerations,
             )
         self.base: BaseAt | None = None
+        if robot.tree.sensors and not robot.tree.loops:  # nothing is made in the loop
+            self.robot.beyond_shapes(self.q, self.q, self.q)
         # numbers of a measurement, as kernels take them
         self._numbers = np.zeros(MEASURED)
         self._numbers[SHORTEST] = 2.5 * settings.step  # of several ticks
@@ -255,17 +257,34 @@ class Observer:
         if self.fusion is not None:
             self._tau[self._flexible] = self.fusion.forces(q, qd, ahead)
 
-    def _accelerations(self, time: float, q: Array, qd: Array) -> tuple[Robot, Array, Array]:
+    def accelerations(self, time: float, q: Array, qd: Array) -> tuple[Robot, Array, Array]:
         """Return the robot at a time, its accelerations (n,) and deviations of those measured."""
         robot, deviation = self.robot, np.zeros(self.robot.n)
+        self._load(q, qd)
+        qdd = self._accelerate(robot, time, q, qd)
+        unsteady = self.motion.given_accelerations(np.sqrt(self._filter.unsteady))
+        deviation[robot.joint_indices] = np.abs(unsteady)
+        return robot, qdd, deviation
+
+    def _accelerate(self, robot: Robot, time: float, q: Array, qd: Array) -> Array:
+        """Return the accelerations (n,) by the joints' measured ones and the present loads."""
         if self.base is not None:
             robot.move_base(self.base(time))
-        self._load(q, qd)
-        qdd, joints = np.empty(robot.n), robot.joint_indices
-        qdd[joints] = given = self.motion.given_accelerations(self._filter.qdd)
+        qdd = np.empty(robot.n)
+        qdd[robot.joint_indices] = given = self.motion.given_accelerations(self._filter.qdd)
         qdd[robot.flexible_indices] = robot.hybrid_dynamics(q, qd, given, tau=self._tau)[1]
-        deviation[joints] = np.abs(self.motion.given_accelerations(np.sqrt(self._filter.unsteady)))
-        return robot, qdd, deviation
+        return qdd
+
+    def sensor_values(self, robot: Robot) -> Array:
+        """Return the values (sensors,) that the model expects of sensors on beams at `time`.
+
+        On robots with loops they are those of the beams' shapes. `robot` is the observer's, or a
+        copy of it for another thread.
+        """
+        q, qd = self.q.copy(), self.qd.copy()
+        if robot.tree.loops or not self.started:
+            return robot.beam_sensor_values(q)
+        return robot.beam_sensor_values(q, qd, self._accelerate(robot, self.time, q, qd))
 
     def take_effort(self, effort: Array | None) -> None:
         """Take efforts (joints,) [N m, N] in, from a measurement or another way; None: none."""

@@ -34,7 +34,7 @@ NOWHERE = -1
 
 
 class ArrayObject(types.Opaque):
-    """What numba calls any Python object that ought to be an array."""
+    """Numba type of any Python object in the place of an array."""
 
 
 array_object = ArrayObject('array_object')
@@ -104,7 +104,7 @@ def content(array):
 
 
 def _words(array: np.ndarray) -> tuple[int, ...]:
-    """Return what stands where a kernel looks for an array's properties."""
+    """Words at the offsets where a kernel reads an array's properties."""
     raw = ctypes.string_at(id(array), SIZE)
     spans = ((TYPE, 8), (DATA, 8), (DIMENSIONS, 4), (SHAPE, 8), (DESCRIPTION, 8), (FLAGS, 4))
     return tuple(int.from_bytes(raw[at : at + size], sys.byteorder) for at, size in spans)

@@ -178,7 +178,7 @@ def find_articulated(handle, shift, held, q, qd, given, tau, qdd, torque):
     'float64[::1], float64[::1], float64[::1])'
 )
 def articulated_dynamics(handle, shift, held, q, qd, given, tau, qdd, torque):
-    """Do what :func:`find_articulated` does, with arrays."""
+    """Wrap :func:`find_articulated` for arrays."""
     return find_articulated(
         handle, elements(shift), elements(held), elements(q), elements(qd), elements(given),
         elements(tau), elements(qdd), elements(torque),

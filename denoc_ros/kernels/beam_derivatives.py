@@ -48,14 +48,14 @@ def planes_of(ny, j):
 
 @short_inlined
 def column_sum(work, u, length, planes):
-    """Return the sum of B_j times what the row of sums at u is made with, for modes from u on."""
+    """Sum of B_j times the factor of the row of sums at u, for modes from u on."""
     s = take(work, u + length)
     return -take(work, u), s * planes[0], s * planes[1]
 
 
 @short_inlined
 def changed_sum(work, u, length, planes, by_q, by_rate):
-    """Return B_j, d acc/d d_j and d acc/d d'_j times what the row of sums at u is made with."""
+    """Products of B_j, d acc/d d_j and d acc/d d'_j with the factor of the row of sums at u."""
     bend, lift = take(work, u + 2 * length), take(work, u + 3 * length)
     column = column_sum(work, u, length, planes)
     turned = matrix_column(by_q, column)
@@ -151,7 +151,7 @@ def modal_forces(topology, work, i, j, planes, by_q, by_rate):
 
 @short_inlined
 def beam_body(topology, constants, work, i):
-    """Write COMPOSITE of body i alone, what its beam adds to FORCE, TORQUE, MOMENTUM, TURNING."""
+    """Write COMPOSITE of body i alone, its beam's part of FORCE, TORQUE, MOMENTUM, TURNING."""
     _, sums, _ = sums_of(topology, i)
     g = sums + diff_.BODY_SUMS
     o, e, c = (
@@ -221,7 +221,7 @@ def torsion_derivatives(topology, constants, work, qd, qdd, i):
 
 @short_shared
 def beam_derivatives(topology, constants, work, qd, qdd, i):
-    """Write what stands at OWN and COMPOSITE of body i, and MOMENTUM and TURNING of its beam.
+    """Write OWN and COMPOSITE of body i, and MOMENTUM and TURNING of its beam.
 
     FORCE and TORQUE take what is due to motion along the modes. All in body axes about the body's
     origin, whose motion stands at WORK.

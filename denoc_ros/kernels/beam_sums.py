@@ -34,7 +34,7 @@ def mode_sums(topology, i):
 
 @short_inlined
 def write_plane(constants, work, qd, qdd, first, count, places, k, row, length):
-    """Write one plane's modes of a record; return what they make of B d' and B d'' + B' d'.
+    """Write one plane's modes of a record; return B d' and B d'' + B' d'.
 
     first: index of the plane's first amplitude, places: offsets of its shapes and of H, k: of H d.
     """
@@ -121,7 +121,7 @@ def three_products(work, o, x, a):
 
 @short_inlined
 def body_sums(work, record, stride, points, out):
-    """Write what weight and position make of themselves, of the slip and of u (4 x 12)."""
+    """Write the sums of weight and position with themselves, with the slip and with u (4 x 12)."""
     zero = spread(0.0)
     for part in range(3):
         a = (zero, zero, zero, zero)
@@ -135,7 +135,7 @@ def body_sums(work, record, stride, points, out):
 
 @short_inlined
 def column_sums(work, record, stride, points, length, out):
-    """Write what weight, position, velocity and acceleration make of the modes (10 rows)."""
+    """Write the sums of weight, position, velocity and acceleration with the modes (10 rows)."""
     zero = spread(0.0)
     for j in range(diff_.POINT_MODES, diff_.POINT_MODES + 2 * length, diff_.LANES):
         a, b, c = (zero, zero, zero, zero), (zero, zero, zero), (zero, zero, zero)
@@ -164,7 +164,7 @@ def column_sums(work, record, stride, points, length, out):
 
 @short_inlined
 def pair_sums(work, record, stride, points, length, count, out):
-    """Write what h and s of each mode make of the modes: rows h_1, s_1, h_2, ... .
+    """Write the sums of h and s of each mode with the modes: rows h_1, s_1, h_2, ... .
 
     s not of the last of the four, for which nobody asks.
     """

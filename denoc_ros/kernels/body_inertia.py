@@ -7,6 +7,7 @@ The inertia of a flexible body stands in work as a (6 + m) x (6 + m) row-major m
 from denoc_ros.kernels import layout as at_
 from denoc_ros.kernels.block import accumulate_block, rotated, shifted, six, wrench_of, write_block
 from denoc_ros.kernels.compiled import inlined
+from denoc_ros.kernels.component_modes import component_inertia
 from denoc_ros.kernels.handle import at
 from denoc_ros.kernels.vector import accumulate, add, cross, dot, load
 
@@ -125,6 +126,9 @@ def torsion_inertia(topology, constants, work, i):
 def flexible_inertia(topology, constants, work, i):
     """Write the (6 + m) inertia of flexible body i."""
     rigid_part(topology, constants, work, i, 6 + at(topology, i, at_.MODES))
+    if at(topology, i, at_.COMPONENTS) > 0:
+        component_inertia(topology, constants, work, i)
+        return
     beam_inertia(topology, constants, work, i)
     if at(topology, i, at_.NT) > 0:
         torsion_inertia(topology, constants, work, i)

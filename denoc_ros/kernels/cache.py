@@ -117,7 +117,7 @@ class KernelCache(caching.Cache):  # type: ignore[misc]
         return str(self._folder)
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Return compiled code, None if there is none or what there is has been damaged."""
+        """Load compiled code, None if there is none or a damaged one."""
         target_context.refresh()
         if not self._enabled:
             return None
@@ -137,7 +137,7 @@ class KernelCache(caching.Cache):  # type: ignore[misc]
             _say_not_kept(str(error))
 
     def flush(self) -> None:
-        """Remove what is kept."""
+        """Remove all kept code."""
         for file in self._folder.glob(f'{self._name}.*{SUFFIX}'):
             file.unlink(missing_ok=True)
 

@@ -45,7 +45,7 @@ def compile_in_turn(groups: Sequence[Sequence[Kernel]]) -> None:
 
 
 def _compile(groups: Sequence[Sequence[Kernel]]) -> None:
-    """Compile what no other process compiles, wait for the rest; say how far it is.
+    """Compile the kernels that no other process compiles, wait for the rest; report progress.
 
     A process that is stopped, or gets no processor, keeps nobody waiting for long.
     """

@@ -27,7 +27,7 @@ from denoc_ros.kernels.handle import (
 )
 from denoc_ros.kernels.inverse import outward_motion
 from denoc_ros.kernels.motion import linear_velocity
-from denoc_ros.kernels.placement import place_beam, place_by_sines
+from denoc_ros.kernels.placement import place_by_sines, place_modes
 from denoc_ros.kernels.sine_cosine import write_sines
 from denoc_ros.kernels.spring import spring_energy
 from denoc_ros.kernels.vector import (
@@ -224,8 +224,7 @@ def find_inertia(handle, q, out):
     write_sines(q, n, sines, cosines)
     for i in range(1, bodies + 1):
         place_by_sines(topology, constants, work, q, sines, cosines, i)
-        if at(topology, i, at_.POINTS) > 0:
-            place_beam(topology, constants, work, q, i)
+        place_modes(topology, constants, work, q, i)
         own_composite(topology, constants, work, i)
     for j in range(n * n):
         out[j] = 0.0

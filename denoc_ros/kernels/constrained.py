@@ -55,7 +55,7 @@ EXPLICIT = 0
 
 @inlined
 def take_loads(topology, work, held, bodies, y, weight):
-    """Copy what the inward pass left of the loads to y (n), and D^-1 to weight (n).
+    """Copy the loads after the inward pass to y (n), and D^-1 to weight (n).
 
     A held joint has none.
     """
@@ -140,7 +140,7 @@ def write_columns(handle, held, q, qd, given, t, rows):
 
 @inlined
 def soften(work, t, rows, hard, n, g):
-    """Add to the products what lets free axes give way to g times their damping."""
+    """Add to the products the compliance of free axes, by g times their damping."""
     products = columns_of(t, rows, n) + rows * n
     for k in range(hard, rows):
         slope = work[vector(t, rows, loop_.SLOPE) + k]
@@ -150,7 +150,7 @@ def soften(work, t, rows, hard, n, g):
 
 @inlined
 def find_multipliers(topology, constants, work, t, rows, n, y, stage, g):
-    """Write the multipliers for loads y, and add to y what they do; say whether rows agree."""
+    """Write the multipliers for loads y, and add their effect to y; say whether rows agree."""
     hard = at(topology, 0, loop_.ROWS)
     count = hard if stage == EXPLICIT else rows
     columns = columns_of(t, rows, n)

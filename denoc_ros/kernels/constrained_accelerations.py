@@ -43,7 +43,7 @@ def solve_tree(handle, flags, places):
 
 @merged
 def want_rows(topology, work, places, n):
-    """Write to the pushes what accelerations as those of the tree leave the rows to do."""
+    """Write to the pushes the residual of the rows under the tree's accelerations."""
     hard = at(topology, 0, loop_.ROWS)
     size, block = all_rows(topology) * n, hard * n
     for k in range(block):
@@ -62,7 +62,7 @@ def want_rows(topology, work, places, n):
 
 @shared
 def solve_pushes(topology, work, places, n):
-    """Replace what the rows have to do by the multipliers that do it."""
+    """Replace the residuals of the rows by the multipliers that remove them."""
     t = at(topology, 0, loop_.CONSTRAINTS_WORK)
     rows, hard = all_rows(topology), at(topology, 0, loop_.ROWS)
     wanted, found = vector(t, rows, loop_.WANTED), vector(t, rows, loop_.MULTIPLIERS)
@@ -79,7 +79,7 @@ def solve_pushes(topology, work, places, n):
 
 @merged
 def push_motion(topology, work, places, flags, n):
-    """Add to the accelerations what the multipliers do; I^-1 J^T (n, r) stays after these."""
+    """Add the multipliers' accelerations; I^-1 J^T (n, r) stays after these."""
     hard = at(topology, 0, loop_.ROWS)
     columns = places.pushes + 3 * hard * n
     inverse = places.motion + 2 * n * n
@@ -97,7 +97,7 @@ def push_motion(topology, work, places, flags, n):
 
 @shared
 def turn_multipliers(handle, q, places):
-    """Add to the multipliers' changes by q what turns where rows say the same twice."""
+    """Add the turning of redundant rows to the multipliers' changes by q."""
     topology, _constants, work, _diagonals, _bodies = model_arrays(handle)
     n = coordinates(handle)
     t = at(topology, 0, loop_.CONSTRAINTS_WORK)

@@ -55,7 +55,7 @@ def deliver_three(work, source, block, rows, n, joints, verb, targets, row):
 
 @merged
 def deliver_all(handle, verb, actuated, count, targets, row):
-    """Copy what was found to row `row` of the arrays at some addresses; return the status."""
+    """Copy the results to row `row` of the arrays at some addresses; return the status."""
     topology, _constants, work, _diagonals, _bodies = model_arrays(handle)
     n = coordinates(handle)
     places, hard = places_of(topology, n), at(topology, 0, ROWS)

@@ -153,7 +153,7 @@ def ask_forces(work, places, flags, verb, which, n):
 
 @shared
 def find_torques(handle, q, verb, actuated, count, rank, places):
-    """Write changes of torques (count, n) and multipliers by q, q' and what drives."""
+    """Write changes of torques (count, n) and multipliers by q, q' and the inputs."""
     topology, _constants, work, _diagonals, _bodies = model_arrays(handle)
     n = coordinates(handle)
     rows, hard = all_rows(topology), at(topology, 0, loop_.ROWS)

@@ -122,7 +122,7 @@ def project_loop(topology, constants, work, constraint, t, rows, out, n):
 
 @inlined
 def eliminate_rigid(topology, constants, work, p, loads, rows, j, n):
-    """Do what :func:`eliminate` does for a rigid body with a free joint, whose y is at j."""
+    """Eliminate a rigid body with a free joint, whose y is at j, as :func:`eliminate` does."""
     w = at(topology, p, at_.ELIMINATED)
     force, torque, inverse = load(work, w), load(work, w + 3), work[w + 7]
     for k in range(rows):
@@ -136,7 +136,7 @@ def eliminate_rigid(topology, constants, work, p, loads, rows, j, n):
 
 @inlined
 def eliminate_flexible(topology, constants, work, p, loads, rows, j, n, free):
-    """Do what :func:`eliminate` does for a flexible body, whose y starts at j."""
+    """Eliminate a flexible body, whose y starts at j, as :func:`eliminate` does."""
     size = free + at(topology, p, at_.MODES)
     w = at(topology, p, at_.ELIMINATED)
     d = w + 6 * size

@@ -40,7 +40,7 @@ from denoc_ros.kernels.vector import (
 
 @shared
 def subtract_wrench(handle, q, i, wrench, out):
-    """Do what load_derivatives.subtract_load does."""
+    """Wrap load_derivatives.subtract_load."""
     return subtract_load(handle, q, i, wrench, out)
 
 
@@ -88,7 +88,7 @@ def axis_wrench(topology, constants, work, constraint, weights):
 
 @merged
 def subtract_turning(work, loop, n, force, torque, change, out):
-    """Subtract what turns with the parent and with the relative rotation.
+    """Subtract the parts that turn with the parent and with the relative rotation.
 
     change: where D^T stands in work.
     """
@@ -120,7 +120,7 @@ def write_change(topology, constants, work, constraint, turn, first, o):
 
 @merged
 def subtract_sides(handle, q, constraint, loop, force, torque, out):
-    """Subtract what the wrench on the child and its opposite on the parent do as q moves them."""
+    """Subtract the change by q of the wrench on the child and its opposite on the parent."""
     topology, _constants, work, _diagonals, _bodies = model_arrays(handle)
     places = places_of(topology, coordinates(handle))
     wrench = part(work, places.wrench, 6)

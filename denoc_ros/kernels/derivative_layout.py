@@ -65,10 +65,15 @@ def row_length(n: int) -> int:
 
 
 def scratch_size(ny: int, nz: int, points: int) -> int:
-    """Return the size of what sums over a beam's points take."""
+    """Size of the sums over a beam's points."""
     row = 4 * whole_lanes(ny + nz)
     sums = BODY_SUMS_SIZE + (COLUMN_SUMS + 2 * (ny + nz)) * row
     return points * (POINT_MODES + row) + sums + whole_lanes(ny * ny + nz * nz) + LANES
+
+
+def component_scratch_size(points: int) -> int:
+    """Return the size of what the points of component modes take: three vectors of each."""
+    return 9 * points
 
 
 def own_size(modes: int) -> int:

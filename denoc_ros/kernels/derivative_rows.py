@@ -64,7 +64,7 @@ def wrenches_by(work, e, column, rate, bend):
 
 @short_inlined
 def with_carried(work, e, column, by_q):
-    """Return a wrench by a coordinate with what the wrench there is carries along."""
+    """Wrench by a coordinate, with the transport of the wrench there."""
     return sum_pair(by_q, carried_wrench(column, pair(work, e + diff_.WRENCH)))
 
 

@@ -99,7 +99,7 @@ def advance_driven(handle, steps, held, places, first, change, tau, given, q, qd
 
 @kernel(types.int64(types.int64, *[array_object] * 10))
 def driven_torque(handle, held, places, position, rate, acceleration, q, qd, qdd, given, torque):
-    """Place joints and find what their motion takes, and how all else accelerates.
+    """Place joints; find the torque of their motion, and all other accelerations.
 
     Parameters
     ----------

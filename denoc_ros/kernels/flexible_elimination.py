@@ -65,7 +65,7 @@ def factor(work, d, k):
 
 @inlined
 def eliminate(topology, constants, work, shift, drive, i, free, m):
-    """Eliminate body i's free coordinates; return if it was possible, and what is left.
+    """Eliminate body i's free coordinates; return if it was possible, and the remainder.
 
     drive[j] is the generalized force less elasticity, damping and friction. Left are the block,
     the force and the torque that the carrier sees.
@@ -106,7 +106,7 @@ def eliminate(topology, constants, work, shift, drive, i, free, m):
 
 @inlined
 def inward_flexible(topology, constants, work, shift, drive, i, free, m):
-    """Eliminate flexible body i and pass on what is left; say whether it was possible."""
+    """Eliminate flexible body i and pass on the remainder; say whether it was possible."""
     good, block, force, torque = eliminate(topology, constants, work, shift, drive, i, free, m)
     if good and at(topology, i, at_.PARENT) > 0:
         transmit_wrench(topology, work, i, force, torque)

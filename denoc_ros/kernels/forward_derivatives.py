@@ -92,7 +92,7 @@ def held_rows(n, held, inertia, x):
 
 @inlined
 def drive_columns(n, held, inertia, x):
-    """Write -d(I q'' + h - tau) by what drives: q''_j of held joints, tau_j of the others."""
+    """Write -d(I q'' + h - tau) by the inputs: q''_j of held joints, tau_j of the others."""
     for r in range(n):
         for j in range(n):
             x[n * r + j] = -inertia[n * r + j] if held[j] != 0.0 else 0.0
@@ -102,7 +102,7 @@ def drive_columns(n, held, inertia, x):
 
 @merged
 def find_hybrid_derivatives(handle, held, states, found):
-    """Write the derivatives of what hybrid dynamics find: tau of held joints, q'' of the others.
+    """Write the derivatives of hybrid dynamics: tau of held joints, q'' of the others.
 
     states: q, q', given q'' and tau, (4, n). found: by q, by q' and by what drives, q'' of held
     joints and tau of the others, then the inertia, (n, n) each, and last q'' (n).

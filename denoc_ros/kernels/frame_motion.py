@@ -13,7 +13,7 @@ from denoc_ros.kernels.compiled import inlined, kernel, rows_kernel, shared
 from denoc_ros.kernels.handle import GOOD, at, beyond, coordinates, elements, model_arrays
 from denoc_ros.kernels.motion import linear_velocity, move_body, section_motion, section_rates
 from denoc_ros.kernels.placement import place_body
-from denoc_ros.kernels.section_columns import mode_slope, shortening_rate, turning_rates, unit
+from denoc_ros.kernels.section_columns import column_change, mode_turn, turning_rates, unit
 from denoc_ros.kernels.vector import add, cross, load, rotate, scale, subtract
 from denoc_ros.kernels.world import section_place, world_pose
 
@@ -28,6 +28,12 @@ def seen(work, u, v, v1, v2, w, al):
     turning = cross(w, v)
     second = add(rotate(work, u, v2), add(scale(2.0, cross(w, v1)), cross(al, v)))
     return v, add(v1, turning), add(second, cross(w, turning))
+
+
+@inlined
+def weighted(v, x, y, z):
+    """Return the sum of three vectors times the elements of one."""
+    return add(add(scale(v[0], x), scale(v[1], y)), scale(v[2], z))
 
 
 @inlined
@@ -82,7 +88,7 @@ def section_state(topology, constants, work, qd, qdd, i):
 
 @inlined
 def joint_columns(write, topology, constants, work, i, frame, out, n):
-    """Write what the joint of body i does to a frame."""
+    """Write the columns of a frame by the joint of body i."""
     o = at(topology, i, at_.WORK)
     position, v, a, w, al = body_state(work, o)
     arm = (subtract(frame[0], position), subtract(frame[1], v), subtract(frame[2], a))
@@ -103,14 +109,14 @@ def joint_columns(write, topology, constants, work, i, frame, out, n):
 
 @inlined
 def section_columns(write, topology, constants, work, qd, qdd, i, frame, out, n):
-    """Write what the amplitudes of the beam that carries row i do to a frame."""
+    """Write the columns of a frame by the amplitudes of the beam that carries row i."""
     p = at(topology, i, at_.PARENT)
     u = at(topology, p, at_.WORK)
     position, v, a = section_state(topology, constants, work, qd, qdd, i)
     arm = (subtract(frame[0], position), subtract(frame[1], v), subtract(frame[2], a))
     _position, _v, _a, w, al = body_state(work, u)
-    rate, _axial = section_rates(topology, constants, qd, i)
-    rate_up, _axial = section_rates(topology, constants, qdd, i)
+    rate, _bend = section_rates(topology, constants, qd, i)
+    rate_up, _bend = section_rates(topology, constants, qdd, i)
     o = at(topology, i, at_.SECTION_WORK)
     k, phi = o + at_.COEFFICIENTS, load(work, o + at_.ROTATION_VECTOR)
     turn_x = turning_rates(work, k, phi, rate, rate_up, unit(0))
@@ -120,16 +126,18 @@ def section_columns(write, topology, constants, work, qd, qdd, i, frame, out, n)
     c = o + at_.COLUMNS
     r = u + at_.WORLD_ROTATION
     for j in range(at(topology, p, at_.MODES)):
-        factor, about = mode_slope(topology, constants, i, j)
-        axis = turn_z if about == 2 else turn_y if about == 1 else turn_x
-        x1, x2 = (
-            shortening_rate(topology, constants, i, j, qd),
-            shortening_rate(topology, constants, i, j, qdd),
-        )
-        slide = seen(work, r, load(work, c), (-x1, 0.0, 0.0), (-x2, 0.0, 0.0), w, al)
+        theta = mode_turn(topology, constants, i, j)
+        slide = seen(
+            work, r, load(work, c),
+            column_change(topology, constants, i, j, qd),
+            column_change(topology, constants, i, j, qdd), w, al,
+        )  # fmt: skip
         turn = seen(
-            work, r, scale(factor, axis[0]), scale(factor, axis[1]), scale(factor, axis[2]), w, al
-        )
+            work, r,
+            weighted(theta, turn_x[0], turn_y[0], turn_z[0]),
+            weighted(theta, turn_x[1], turn_y[1], turn_z[1]),
+            weighted(theta, turn_x[2], turn_y[2], turn_z[2]), w, al,
+        )  # fmt: skip
         write(out, n, d + j, carried(slide, turn, arm), turn, frame[3], frame[4])
         c += 6
 
@@ -152,7 +160,7 @@ def move_world(topology, constants, work, bodies, q, qd, qdd, i):
 
 @inlined
 def write_columns(write, topology, constants, work, qd, qdd, i, frame, out, n):
-    """Let `write` write what every coordinate does to frame i, which moves as `frame` says."""
+    """Let `write` write every coordinate's columns of frame i, which moves as `frame` says."""
     while i > 0:
         if at(topology, i, at_.JOINT) == 1:
             joint_columns(write, topology, constants, work, i, frame, out, n)

@@ -1,4 +1,4 @@
-"""What an IMU reads: angular velocity and specific force of frames, along their own axes."""
+"""Readings of an IMU: angular velocity and specific force of frames, along their own axes."""
 
 from denoc_ros.kernels import layout as at_
 from denoc_ros.kernels.compiled import inlined, rows_kernel
@@ -28,7 +28,7 @@ def place_and_move(topology, constants, work, q, qd, qdd, i):
     'float64[:, :, ::1])'
 )
 def inertial_values_rows(handle, q, qd, qdd, frames, first, last, out):
-    """Write what frames (rows of the model) read in states first .. last - 1 of (k, n).
+    """Write the readings of frames (rows of the model) in states first .. last - 1 of (k, n).
 
     out (k, frames, 6): angular velocity, then acceleration less gravity.
     """

@@ -18,7 +18,7 @@ from denoc_ros.kernels.handle import (
 )
 from denoc_ros.kernels.internal import internal_force
 from denoc_ros.kernels.motion import move_body
-from denoc_ros.kernels.placement import place_beam, place_by_sines
+from denoc_ros.kernels.placement import place_by_sines, place_modes
 from denoc_ros.kernels.sine_cosine import write_sines
 from denoc_ros.kernels.vector import all_finite, dot, load
 from denoc_ros.kernels.wrench import body_wrench, transmit_wrench
@@ -31,8 +31,7 @@ def outward_motion(n, topology, constants, work, diagonals, bodies, q, qd, qdd):
     write_sines(q, n, sines, cosines)
     for i in range(1, bodies + 1):
         place_by_sines(topology, constants, work, q, sines, cosines, i)
-        if at(topology, i, at_.POINTS) > 0:
-            place_beam(topology, constants, work, q, i)
+        place_modes(topology, constants, work, q, i)
         move_body(topology, constants, work, qd, qdd, i)
         body_wrench(topology, constants, work, qd, qdd, i)
 

@@ -55,7 +55,7 @@ from denoc_ros.kernels.lanes import (
     take_pair,
     take_vector,
 )
-from denoc_ros.kernels.placement import place_beam, place_by_sines
+from denoc_ros.kernels.placement import place_by_sines, place_modes
 from denoc_ros.kernels.section_columns import geometric_terms, show_columns
 from denoc_ros.kernels.sine_cosine import write_sines
 from denoc_ros.kernels.spatial import (
@@ -93,8 +93,7 @@ def outward_derivatives(n, topology, constants, work, diagonals, bodies, q, qd, 
     store(work, base + diff_.ACCELERATED + 3, load(work, motion + at_.ANGULAR_ACCELERATION))
     for i in range(1, bodies + 1):
         place_by_sines(topology, constants, work, q, sines, cosines, i)
-        if at(topology, i, at_.POINTS) > 0:
-            place_beam(topology, constants, work, q, i)
+        place_modes(topology, constants, work, q, i)
         world_pose(topology, work, i)
         move_world(topology, constants, work, qd, qdd, i)
         own_share(topology, constants, work, qd, qdd, i)
@@ -174,7 +173,7 @@ def modal_entries(topology, work, n, i, by_q, by_rate, inertia):
 
 @short_inlined
 def own_to_base(topology, work, i):
-    """Turn what stands at OWN of body i from body axes to base axes."""
+    """Turn OWN of body i from body axes to base axes."""
     o = at(topology, i, at_.WORK)
     turn = o + at_.WORLD_ROTATION
     x = load(work, o + at_.WORLD_POSITION)
@@ -189,7 +188,7 @@ def own_to_base(topology, work, i):
 
 @short_inlined
 def transmit_modes(topology, work, i, j):
-    """Add what body i and all it carries take part in some modes of their carrier, from j on."""
+    """Add the part of body i and all it carries in modes of their carrier, from j on."""
     p = at(topology, i, at_.PARENT)
     m = at(topology, p, at_.MODES)
     e = at(topology, i, at_.DERIVED)
@@ -217,7 +216,7 @@ def transmit_modes(topology, work, i, j):
 
 @short_shared
 def transmit_to_own(topology, constants, work, i):
-    """Add what body i and all it carries take part in their carrier's modal forces."""
+    """Add the part of body i and all it carries in their carrier's modal forces."""
     p = at(topology, i, at_.PARENT)
     for j in range(0, at(topology, p, at_.MODES), diff_.LANES):
         transmit_modes(topology, work, i, j)

@@ -10,7 +10,7 @@ ROWS = 5
 
 @inlined
 def track(state, joints, q, qd, has_rate, interval, pole, share):
-    """Do what :func:`track_joints` does, with pointers."""
+    """Track joints as :func:`track_joints` does, with pointers."""
     position_row = beyond(state, POSITION * joints)
     rate_row = beyond(state, RATE * joints)
     acceleration_row = beyond(state, ACCELERATION * joints)

@@ -25,7 +25,7 @@ _FLAGS = ('contract', 'nsz')
 
 
 class Lanes(types.Type):
-    """What numba calls LANES numbers side by side."""
+    """Numba type of LANES numbers side by side."""
 
     def __init__(self) -> None:
         super().__init__(name='lanes')
@@ -156,6 +156,23 @@ def product(_typing, a, b):
     return lanes(a, b), generate
 
 
+@intrinsic
+def total(_typing, value):
+    """Return the sum over all lanes."""
+
+    def generate(_context, builder, _signature, args):
+        parts = [builder.extract_element(args[0], _INDEX(k)) for k in range(LANES)]
+        while len(parts) > 1:
+            half = len(parts) // 2
+            parts = [
+                builder.fadd(a, b, flags=_FLAGS)
+                for a, b in zip(parts[:half], parts[half:], strict=True)
+            ]
+        return parts[0]
+
+    return types.float64(value), generate
+
+
 class _Arithmetic(AbstractTemplate):
     """Lanes with lanes, or with one number, which then stands in every lane."""
 
@@ -242,7 +259,7 @@ def put_vector(a, o, step, v):
 
 @inlined
 def add_vector(a, o, step, v):
-    """Add such a vector to what stands there."""
+    """Add a vector of lanes to the vector at an offset."""
     put_vector(
         a, o, step, (take(a, o) + v[0], take(a, o + step) + v[1], take(a, o + 2 * step) + v[2])
     )
@@ -257,6 +274,6 @@ def put_pair(a, o, step, x):
 
 @inlined
 def add_pair(a, o, step, x):
-    """Add two such vectors to what stands there."""
+    """Add two vectors of lanes to those at an offset."""
     add_vector(a, o, step, x[0])
     add_vector(a, o + 3 * step, step, x[1])

@@ -31,7 +31,9 @@ BRANCH_END = 19  # index after the last coordinate of the body and all it carrie
 RUN = 20  # row of the body from which on each carries the next, down to this one
 SIBLING = 21  # row of the body before this one on the same carrier, 0: none
 SLOT = 22  # where right-hand sides pass through this body (see right_hand_sides)
-TOPOLOGY_COLUMNS = 23
+COMPONENTS = 23  # number of component modes: MODES of a link that has them, else 0
+BENT = 24  # of how many components of its points Gamma stands in constants
+TOPOLOGY_COLUMNS = 25
 
 FIXED = 0
 REVOLUTE = 1
@@ -57,8 +59,12 @@ BODY_CONSTANTS_SIZE = 52
 # polar (1) = int rho J, polar_j (NT), polar_jk (NT NT), then per point:
 # weight, station, s_y (NY), s_z (NZ), H_y (NY NY), H_z (NZ NZ)
 
+# constants: a link with component modes, from BEAM, POINTS in whole lanes:
+# e (POINTS), r (3 POINTS), Phi (MODES 3 POINTS), Gamma (MODES MODES BENT POINTS)
+
 # constants: a section, from SECTION:
 # station, s_y (NY), s_z (NZ), s_y' (NY), s_z' (NZ), s_t (NT), H_y (NY NY), H_z (NZ NZ)
+# with component modes: r (3), Phi (3 MODES), Theta (3 MODES), Gamma (3 MODES MODES), mode by mode
 
 # work: a body, from WORK
 ROTATION = 0  # (9) body axes to carrier axes
@@ -85,6 +91,7 @@ BLOCK_SIZE = 21
 
 # work: a beam, from BEAM_WORK:
 # modal force (MODES), then per point: position (3), H_y d_y (NY), H_z d_z (NZ)
+# with component modes: modal force (MODES), p (3 POINTS), B (MODES 3 POINTS), acc (3 POINTS)
 
 # work: a section, from SECTION_WORK
 SECTION_POSITION = 0  # (3) position of the section in the carrier's body frame

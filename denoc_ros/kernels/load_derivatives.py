@@ -70,7 +70,7 @@ def write_path(topology, constants, work, n, i):
 
 @inlined
 def subtract_geometric(topology, constants, work, n, i, wrench, out):
-    """Subtract what sections that turn, from row i to the base, do to their modal forces."""
+    """Subtract the effect of turning sections, from row i to the base, on their modal forces."""
     while i > 0:
         p = at(topology, i, at_.PARENT)
         if at(topology, i, at_.SECTION) > 0:

@@ -1,14 +1,15 @@
 """Outward pass of velocities and accelerations (dynamics.md: displacements, section, joint)."""
 
 from denoc_ros.kernels import layout as at_
-from denoc_ros.kernels.compiled import inlined
+from denoc_ros.kernels.compiled import inlined, shared
+from denoc_ros.kernels.component_modes import component_section_rates
 from denoc_ros.kernels.handle import at
 from denoc_ros.kernels.vector import add, cross, dot, load, scale, store, unrotate
 
 
 @inlined
-def section_rates(topology, constants, qd, i):
-    """Return phi' and the axial entry of B' d' of the section that carries row i."""
+def beam_section_rates(topology, constants, qd, i):
+    """Return phi' and B' d' of the section of a beam that carries row i."""
     p = at(topology, i, at_.PARENT)
     ny = at(topology, p, at_.NY)
     nz = at(topology, p, at_.NZ)
@@ -33,24 +34,39 @@ def section_rates(topology, constants, qd, i):
             shortening -= x * constants[h + nz * j + k] * qd[d + ny + k]
     for j in range(nt):
         twist += constants[slope + ny + nz + j] * qd[d + ny + nz + j]
-    return (twist, -turn_z, turn_y), shortening
+    return (twist, -turn_z, turn_y), (shortening, 0.0, 0.0)
+
+
+@inlined
+def section_rates(topology, constants, qd, i):
+    """Return phi' and B' d' of the section that carries row i."""
+    if at(topology, at(topology, i, at_.PARENT), at_.COMPONENTS) > 0:
+        return component_section_rates(topology, constants, qd, i)
+    return beam_section_rates(topology, constants, qd, i)
 
 
 @inlined
 def section_motion(topology, constants, work, qd, qdd, i, w, a, al):
     """Return angular velocity, acceleration and angular acceleration of a section.
 
-    It carries row i; w, a, al are those of its beam's body frame.
+    It carries row i; w, a, al are those of its carrier's body frame.
     """
+    rates = section_rates(topology, constants, qd, i)
+    return moved_section(topology, work, qd, qdd, i, (w, a, al), rates)
+
+
+@inlined
+def moved_section(topology, work, qd, qdd, i, carrier, rates):
+    """Return a section's motion from its carrier's and its phi' and B' d'."""
+    w, a, al = carrier
     p = at(topology, i, at_.PARENT)
     o = at(topology, i, at_.SECTION_WORK)
     d = at(topology, p, at_.COORDINATE) + at(topology, p, at_.JOINT)
     place = load(work, o + at_.SECTION_POSITION)
     phi = load(work, o + at_.ROTATION_VECTOR)
-    rate, shortening = section_rates(topology, constants, qd, i)
+    rate, slip_up = rates  # B' d', to which B d'' comes
     slip = (0.0, 0.0, 0.0)  # B d'
     spin = (0.0, 0.0, 0.0)  # J Theta d'
-    slip_up = (shortening, 0.0, 0.0)  # B d'' + B' d'
     k = o + at_.COEFFICIENTS
     c = work[k + 1]
     r = dot(phi, rate)
@@ -77,15 +93,20 @@ def section_motion(topology, constants, work, qd, qdd, i, w, a, al):
 
 
 @inlined
-def move_body(topology, constants, work, qd, qdd, i):
-    """Write angular velocity and acceleration of body i, joint included, in body axes."""
-    o = at(topology, i, at_.WORK)
+def carrier_motion(topology, work, i):
+    """Return angular velocity, acceleration and angular acceleration of row i's carrier."""
     u = at(topology, at(topology, i, at_.PARENT), at_.WORK)
-    w = load(work, u + at_.ANGULAR_VELOCITY)
-    a = load(work, u + at_.ACCELERATION)
-    al = load(work, u + at_.ANGULAR_ACCELERATION)
-    if at(topology, i, at_.SECTION) > 0:
-        w, a, al = section_motion(topology, constants, work, qd, qdd, i, w, a, al)
+    return (
+        load(work, u + at_.ANGULAR_VELOCITY),
+        load(work, u + at_.ACCELERATION),
+        load(work, u + at_.ANGULAR_ACCELERATION),
+    )
+
+
+@inlined
+def move_joint(topology, constants, work, qd, qdd, i, w, a, al):
+    """Write the motion of body i, from that of the section or body that carries it."""
+    o = at(topology, i, at_.WORK)
     arm = load(work, o + at_.ARM)
     a = unrotate(work, o, add(a, add(cross(al, arm), cross(w, cross(w, arm)))))
     w = unrotate(work, o, w)
@@ -107,6 +128,31 @@ def move_body(topology, constants, work, qd, qdd, i):
     store(work, o + at_.ANGULAR_VELOCITY, w)
     store(work, o + at_.ACCELERATION, a)
     store(work, o + at_.ANGULAR_ACCELERATION, al)
+
+
+@shared
+def move_on_components(topology, constants, work, qd, qdd, i):
+    """Do what :func:`move_body` does for a body on component modes.
+
+    Called, not inlined: beams keep the registers.
+    """
+    rates = component_section_rates(topology, constants, qd, i)
+    carrier = carrier_motion(topology, work, i)
+    w, a, al = moved_section(topology, work, qd, qdd, i, carrier, rates)
+    move_joint(topology, constants, work, qd, qdd, i, w, a, al)
+
+
+@inlined
+def move_body(topology, constants, work, qd, qdd, i):
+    """Write angular velocity and acceleration of body i, joint included, in body axes."""
+    w, a, al = carrier_motion(topology, work, i)
+    if at(topology, i, at_.SECTION) > 0:
+        if at(topology, at(topology, i, at_.PARENT), at_.COMPONENTS) > 0:
+            move_on_components(topology, constants, work, qd, qdd, i)
+            return
+        rates = beam_section_rates(topology, constants, qd, i)
+        w, a, al = moved_section(topology, work, qd, qdd, i, (w, a, al), rates)
+    move_joint(topology, constants, work, qd, qdd, i, w, a, al)
 
 
 @inlined

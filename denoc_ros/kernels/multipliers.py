@@ -157,7 +157,7 @@ def factor_products(work, t, rows, count, hard, n):
 
 @inlined
 def solve_factored(work, d, k, x):
-    """Replace the k elements at offset x by the inverse of what `factor` factored times them."""
+    """Multiply the k elements at offset x by the inverse of the matrix factored by `factor`."""
     for r in range(k):
         for c in range(r):
             work[x + r] -= work[d + k * r + c] * work[x + c]
@@ -170,7 +170,7 @@ def solve_factored(work, d, k, x):
 
 @inlined
 def solve_forward(work, t, rows, lower, rank):
-    """Write L^-1 of what the independent rows want, scaled."""
+    """Write L^-1 of the independent rows' right-hand sides, scaled."""
     wanted = vector(t, rows, loop_.WANTED)
     scale = vector(t, rows, loop_.SCALE)
     order = vector(t, rows, loop_.ORDER)
@@ -208,7 +208,7 @@ def find_excess(work, t, rows, lower, count, rank):
 
 @inlined
 def solve_backward(work, t, rows, lower, rank):
-    """Replace what solve_forward wrote by the multipliers of the independent rows alone."""
+    """Replace the result of solve_forward by the multipliers of the independent rows alone."""
     scale = vector(t, rows, loop_.SCALE)
     order = vector(t, rows, loop_.ORDER)
     part = vector(t, rows, loop_.PART)
@@ -224,7 +224,7 @@ def solve_backward(work, t, rows, lower, rank):
 
 @shared
 def keep_consistent(work, t, rows, count, n, which):
-    """Replace a vector over the rows by C (C^T C)^-1 C^T of it: what rows can agree on."""
+    """Replace a vector over the rows by C (C^T C)^-1 C^T of it: its consistent part."""
     rank = np.int64(work[t + loop_.RANK])
     if rank == count:
         return

@@ -44,7 +44,7 @@ def swap_columns(work, a, m, order, c, k):
 
 @inlined
 def reflection(head, square):
-    """Return what replaces the head of a vector, the head of v before scaling, and s for v_0 = 1.
+    """Head of the reflected vector, the head of v before scaling, and s for v_0 = 1.
 
     square: the square of the vector's length.
     """

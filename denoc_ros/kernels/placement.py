@@ -1,58 +1,12 @@
 """Outward pass of positions of sections, bodies and beam points (dynamics.md)."""
 
-import math
-
-import numpy as np
-
 from denoc_ros.kernels import layout as at_
 from denoc_ros.kernels.compiled import inlined
+from denoc_ros.kernels.component_modes import place_component_section, place_components
+from denoc_ros.kernels.exponential import exponential_coefficients, square_plus
 from denoc_ros.kernels.handle import at
 from denoc_ros.kernels.sine_cosine import sine_cosine
 from denoc_ros.kernels.vector import add, load, rotate, scale, store
-
-# Taylor series in s: of b and c, and of twice their derivatives
-SERIES_B = tuple((-1) ** k / math.factorial(2 * k + 2) for k in range(7))
-SERIES_C = tuple((-1) ** k / math.factorial(2 * k + 3) for k in range(7))
-SERIES_DB = tuple(2 * (k + 1) * SERIES_B[k + 1] for k in range(6))
-SERIES_DC = tuple(2 * (k + 1) * SERIES_C[k + 1] for k in range(6))
-
-
-@inlined
-def six_terms(p, s):
-    """Return the sum of p_k s^k, six of them."""
-    return p[0] + s * (p[1] + s * (p[2] + s * (p[3] + s * (p[4] + s * p[5]))))
-
-
-@inlined
-def exponential_coefficients(s):
-    """Return a, b, c and the rates of b and c per phi . phi', for s = |phi|^2.
-
-    Exp phi = 1 + a K + b K^2, left Jacobian = 1 + b K + c K^2, K = phi x.
-    """
-    if s < 0.25:
-        b = SERIES_B[0] + s * six_terms(SERIES_B[1:], s)
-        c = SERIES_C[0] + s * six_terms(SERIES_C[1:], s)
-        return 1.0 - s * c, b, c, six_terms(SERIES_DB, s), six_terms(SERIES_DC, s)
-    t = np.sqrt(s)
-    a = np.sin(t) / t
-    b = (1.0 - np.cos(t)) / s
-    c = (1.0 - a) / s
-    return a, b, c, (a - 2.0 * b) / s, (b - 3.0 * c) / s
-
-
-@inlined
-def square_plus(a, b, phi, out, o):
-    """Write 1 + a K + b K^2 with K = phi x, row-major, at offset o of out."""
-    x, y, z = phi
-    out[o] = 1.0 - b * (y * y + z * z)
-    out[o + 1] = -a * z + b * x * y
-    out[o + 2] = a * y + b * x * z
-    out[o + 3] = a * z + b * x * y
-    out[o + 4] = 1.0 - b * (x * x + z * z)
-    out[o + 5] = -a * x + b * y * z
-    out[o + 6] = -a * y + b * x * z
-    out[o + 7] = a * x + b * y * z
-    out[o + 8] = 1.0 - b * (x * x + y * y)
 
 
 @inlined
@@ -81,6 +35,9 @@ def place_plane(constants, s, h, slope, q, coordinate, count, work, column):
 def place_section(topology, constants, work, q, i):
     """Place the section that carries row i: position, rotation and the columns [B; J Theta]."""
     p = at(topology, i, at_.PARENT)
+    if at(topology, p, at_.COMPONENTS) > 0:
+        place_component_section(topology, constants, work, q, i)
+        return
     ny = at(topology, p, at_.NY)
     nz = at(topology, p, at_.NZ)
     nt = at(topology, p, at_.NT)
@@ -151,7 +108,7 @@ def turned_row(row, sine, cosine):
 
 @inlined
 def swept(constants, o, sine, rest):
-    """Return what goes with sin q and 1 - cos q of three elements at offset o of a pose."""
+    """Factors of sin q and 1 - cos q of three elements at offset o of a pose."""
     first, second = load(constants, o + at_.POSE_SINE), load(constants, o + at_.POSE_VERSINE)
     return add(load(constants, o), add(scale(sine, first), scale(rest, second)))
 
@@ -264,3 +221,13 @@ def place_beam(topology, constants, work, q, i):
         store(work, o, (x, y, z))
         c = h + nz * nz
         o += 3 + ny + nz
+
+
+@inlined
+def place_modes(topology, constants, work, q, i):
+    """Place the integration points of body i, where it has modes."""
+    if at(topology, i, at_.POINTS) > 0:
+        if at(topology, i, at_.COMPONENTS) > 0:
+            place_components(topology, constants, work, q, i)
+        else:
+            place_beam(topology, constants, work, q, i)

@@ -145,7 +145,7 @@ def checked_span(_typing, address, count, dtype):
 
 @intrinsic
 def bare_beyond(_typing, start, offset):
-    """Return the pointer to what stands `offset` elements after the start of another."""
+    """Pointer to `offset` elements after the start of another."""
 
     def generate(_context, builder, _signature, args):
         return builder.gep(args[0], [args[1]])

@@ -82,7 +82,7 @@ def relative_pose(topology, work, constraint, o):
 
 @merged
 def loop_columns(topology, constants, work, motion, constraint, frames, o, n):
-    """Write at o what a loop's relative motion has to do with every coordinate.
+    """Write at o the columns of a loop's relative motion by every coordinate.
 
     motion: q, q' and q'', of which bodies are placed and moved; frames: room for two frames.
     """

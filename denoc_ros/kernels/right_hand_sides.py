@@ -94,7 +94,7 @@ def put_three(x, o, values, count):
 
 @inlined
 def passing_place(topology, i):
-    """Return where what passes through body i begins; the second and third matrix come after."""
+    """Offset of body i's passing loads; the second and third matrix come after."""
     c, length = columns_of(topology)
     return c + length * (diff_.PASSING + diff_.PASSING_ROWS * at(topology, i, at_.SLOT))
 
@@ -117,7 +117,7 @@ def copy_passing(work, target, source, length, n):
 
 @shared
 def add_passing(work, target, source, length, n):
-    """Add what passes through one body to what passes through another."""
+    """Add one body's passing loads to another's."""
     for row in range(0, diff_.PASSING_ROWS * length, length):
         for j in range(row, row + n, diff_.LANES):
             put_all(work, target + j, plus(take(work, target + j), take(work, source + j)))
@@ -139,7 +139,7 @@ def take_power(work, o, length, column, n, x, row):
 
 @shared
 def pass_on(work, o, length, column, factor, n, x, row):
-    """Add to what is at o a column times a row of each X and a factor."""
+    """Add a column times a row of each X and a factor to the elements at o."""
     six = spread_pair(scale_pair(factor, column))
     for j in range(0, n, diff_.LANES):
         values = take_three(x, row + j, n - j)
@@ -194,7 +194,7 @@ def inward_body(topology, work, held, n, i, x):
 
 @inlined
 def inward_carrier(topology, work, n, i, x):
-    """Take what body i passes on from its carrier's modal rows, and hand it on."""
+    """Pass body i's loads through its carrier's modal rows."""
     _, length = columns_of(topology)
     p = at(topology, i, at_.PARENT)
     passing, target = passing_place(topology, i), passing_place(topology, p)

@@ -31,7 +31,7 @@ def along_joint(topology, constants, i, f, n):
 
 @inlined
 def inward_rigid(topology, constants, work, shift, drive, i, free):
-    """Eliminate rigid body i and pass on what is left; say whether it was possible."""
+    """Eliminate rigid body i and pass on the remainder; say whether it was possible."""
     o = at(topology, i, at_.WORK)
     block = block_at(work, at(topology, i, at_.INERTIA_WORK))
     force = load(work, o + at_.FORCE)

@@ -7,9 +7,10 @@ angular column of a mode of slope s about axis e is J s e; K^2 = phi phi^T - |ph
 from denoc_ros.kernels import derivative_layout as diff_
 from denoc_ros.kernels import layout as at_
 from denoc_ros.kernels.compiled import short_inlined, short_shared
+from denoc_ros.kernels.component_modes import section_bend, section_turn
+from denoc_ros.kernels.exponential import SERIES_DB, SERIES_DC, six_terms
 from denoc_ros.kernels.handle import at
 from denoc_ros.kernels.motion import section_rates
-from denoc_ros.kernels.placement import SERIES_DB, SERIES_DC, six_terms
 from denoc_ros.kernels.spatial import (
     pair,
     scale_pair,
@@ -21,6 +22,9 @@ from denoc_ros.kernels.vector import add, cross, dot, load, rotate, scale, store
 # Taylor series in |phi|^2 of the rates per phi . phi' of what COEFFICIENTS has of b and c
 SERIES_DDB = tuple(2 * (k + 1) * SERIES_DB[k + 1] for k in range(5)) + (0.0,)
 SERIES_DDC = tuple(2 * (k + 1) * SERIES_DC[k + 1] for k in range(5)) + (0.0,)
+
+
+ZERO = (0.0, 0.0, 0.0)
 
 
 @short_inlined
@@ -72,6 +76,23 @@ def turning_rates(work, k, phi, rate, bend, x):
     )
     upper = add(upper, add(scale(2.0 * dc * r, first), scale(c, second)))
     return add(x, add(scale(b, turned), scale(c, zero))), up, upper
+
+
+@short_inlined
+def mode_turn(topology, constants, i, j):
+    """Return dphi/dd_j of mode j of row i's carrier, at row i's section."""
+    if at(topology, at(topology, i, at_.PARENT), at_.COMPONENTS) > 0:
+        return section_turn(topology, constants, i, j)
+    slope, axis = mode_slope(topology, constants, i, j)
+    return scale(slope, unit(axis))
+
+
+@short_inlined
+def column_change(topology, constants, i, j, x):
+    """Return sum_k dB_j/dd_k x_k at row i's section, x in order of all coordinates."""
+    if at(topology, at(topology, i, at_.PARENT), at_.COMPONENTS) > 0:
+        return section_bend(topology, constants, i, j, x)
+    return -shortening_rate(topology, constants, i, j, x), 0.0, 0.0
 
 
 @short_inlined
@@ -135,9 +156,9 @@ def section_slip(topology, constants, work, qd, qdd, i):
     columns = at(topology, i, at_.SECTION_WORK) + at_.COLUMNS
     turn = at(topology, p, at_.WORK) + at_.WORLD_ROTATION
     d = at(topology, p, at_.COORDINATE) + at(topology, p, at_.JOINT)
-    rate, shortening = section_rates(topology, constants, qd, i)
+    rate, slip_up = section_rates(topology, constants, qd, i)
     bend, _ = section_rates(topology, constants, qdd, i)
-    slip, slip_up = (0.0, 0.0, 0.0), (shortening, 0.0, 0.0)
+    slip = (0.0, 0.0, 0.0)
     for j in range(at(topology, p, at_.MODES)):
         linear = load(work, columns + 6 * j)
         slip = add(slip, scale(qd[d + j], linear))
@@ -147,7 +168,7 @@ def section_slip(topology, constants, work, qd, qdd, i):
 
 @short_inlined
 def write_mode(topology, constants, work, qd, qdd, i, j, along, across, turning):
-    """Write what row i shows of mode j of its carrier: a sum of slides and a turn.
+    """Write the part of mode j of its carrier in row i: a sum of slides and a turn.
 
     The column is -h e_x + s e + slope z, of which only h = (H d)_j changes beside the axes.
     """
@@ -167,9 +188,62 @@ def write_mode(topology, constants, work, qd, qdd, i, j, along, across, turning)
     store_pair(work, k + 12, sum_pair((second, (0.0, 0.0, 0.0)), scale_pair(slope, turning[2])))
 
 
+@short_inlined
+def weighted(v, x, y, z):
+    """Return the sum of three pairs times the elements of a vector."""
+    return sum_pair(scale_pair(v[0], x), sum_pair(scale_pair(v[1], y), scale_pair(v[2], z)))
+
+
+@short_inlined
+def slide(v, along):
+    """Return the slide of a vector in a body's axes, given those of its axes."""
+    return add(add(scale(v[0], along[0]), scale(v[1], along[1])), scale(v[2], along[2])), ZERO
+
+
+@short_inlined
+def write_component_modes(topology, constants, work, qd, qdd, i, moves, rates, seen):
+    """Write what row i shows of its carrier's component modes; return its twist and its rate.
+
+    moves: the section's position with its two rates, the carrier's w and al; rates: phi' and
+    phi''; seen: the twist and its rate that the carrier's turn lacks.
+    """
+    p = at(topology, i, at_.PARENT)
+    turn = at(topology, p, at_.WORK) + at_.WORLD_ROTATION
+    o = at(topology, i, at_.SECTION_WORK)
+    k, phi = o + at_.COEFFICIENTS, load(work, o + at_.ROTATION_VECTOR)
+    (x, w, al), (rate, bend), (twist, up) = moves, rates, seen
+    about_x = turns(work, turn, x, w, al, turning_rates(work, k, phi, rate, bend, unit(0)))
+    about_y = turns(work, turn, x, w, al, turning_rates(work, k, phi, rate, bend, unit(1)))
+    about_z = turns(work, turn, x, w, al, turning_rates(work, k, phi, rate, bend, unit(2)))
+    (x, x1, x2), (y, y1, y2), (z, z1, z2) = (
+        slides(work, turn, 0, w, al),
+        slides(work, turn, 1, w, al),
+        slides(work, turn, 2, w, al),
+    )
+    for j in range(at(topology, p, at_.MODES)):
+        column = load(work, o + at_.COLUMNS + 6 * j)
+        theta = section_turn(topology, constants, i, j)
+        first = section_bend(topology, constants, i, j, qd)
+        second = section_bend(topology, constants, i, j, qdd)
+        seen_at = at(topology, i, at_.DERIVED) + diff_.SEEN + diff_.SEEN_SIZE * j
+        turning = weighted(theta, about_x[0], about_y[0], about_z[0])
+        store_pair(work, seen_at, sum_pair(slide(column, (x, y, z)), turning))
+        turning = weighted(theta, about_x[1], about_y[1], about_z[1])
+        sliding = sum_pair(slide(column, (x1, y1, z1)), slide(first, (x, y, z)))
+        store_pair(work, seen_at + 6, sum_pair(sliding, turning))
+        turning = weighted(theta, about_x[2], about_y[2], about_z[2])
+        sliding = sum_pair(slide(column, (x2, y2, z2)), slide(second, (x, y, z)))
+        sliding = sum_pair(sliding, scale_pair(2.0, slide(first, (x1, y1, z1))))
+        store_pair(work, seen_at + 12, sum_pair(sliding, turning))
+    turning = weighted(rate, about_x[0], about_y[0], about_z[0])
+    up = sum_pair(up, weighted(bend, about_x[0], about_y[0], about_z[0]))
+    up = sum_pair(up, weighted(rate, about_x[1], about_y[1], about_z[1]))
+    return sum_pair(twist, turning), up
+
+
 @short_shared
 def write_seen(topology, constants, work, qd, qdd, i):
-    """Write what row i's section shows of its carrier's amplitudes; move its twist on.
+    """Write the parts of the carrier's amplitudes in row i's section; move its twist on.
 
     The twist and its derivative at DERIVED of row i are to be the carrier's.
     """
@@ -190,6 +264,10 @@ def write_seen(topology, constants, work, qd, qdd, i):
     along = slides(work, turn, 0, w, al)
     v, a = add(v, slip), add(a, add(slip_up, cross(w, slip)))
     twist, up = (v, w), (a, al)
+    if at(topology, p, at_.COMPONENTS) > 0:
+        twist, up = write_component_modes(
+            topology, constants, work, qd, qdd, i, (x, w, al), (rate, bend), (twist, up)
+        )
     first = 0
     for plane in range(3):
         axis = unit(2 - plane)
@@ -210,7 +288,7 @@ def write_seen(topology, constants, work, qd, qdd, i):
 
 @short_inlined
 def show_columns(topology, work, i):
-    """Write among the columns what row i sees of its carrier's amplitudes."""
+    """Write the carrier's amplitudes in row i among the columns."""
     p = at(topology, i, at_.PARENT)
     length = at(topology, 0, diff_.ROW_LENGTH)
     c = (
@@ -244,6 +322,13 @@ def turning_power(work, k, phi, n, o):
 
 
 @short_inlined
+def combined(work, o, v):
+    """Return the sum of the three rows at offset o of work times the elements of a vector."""
+    first = add(scale(v[0], load(work, o)), scale(v[1], load(work, o + 3)))
+    return add(first, scale(v[2], load(work, o + 6)))
+
+
+@short_inlined
 def turned_back(work, k, phi, x):
     """Return J^T x of a section: the left Jacobian's coefficients stand at offset k."""
     turned = cross(phi, x)
@@ -273,13 +358,35 @@ def geometric_row(constants, slope, h, counts, power, force, k, work, o):
 
 
 @short_inlined
+def component_geometric_terms(topology, constants, work, i, force, torque, out, step):
+    """Do what :func:`geometric_terms` does for a carrier with component modes."""
+    m = at(topology, at(topology, i, at_.PARENT), at_.MODES)
+    o = at(topology, i, at_.SECTION_WORK)
+    k, phi = o + at_.COEFFICIENTS, load(work, o + at_.ROTATION_VECTOR)
+    turning = at(topology, 0, at_.DERIVED) + diff_.SCRATCH
+    turning_power(work, k, phi, torque, turning)
+    gamma = at(topology, i, at_.SECTION) + 3 + 6 * m
+    for r in range(m):
+        pushed = cross(force, load(work, o + at_.COLUMNS + 6 * r))
+        theta = section_turn(topology, constants, i, r)
+        power = add(turned_back(work, k, phi, pushed), combined(work, turning, theta))
+        for j in range(m):
+            by = dot(power, section_turn(topology, constants, i, j))
+            by += dot(force, load(constants, gamma + 3 * (m * r + j)))
+            work[out + step * r + j] += by
+
+
+@short_inlined
 def geometric_terms(topology, constants, work, i, force, torque, out, step):
-    """Write what the wrench on a section adds to its carrier's modal forces as these turn it.
+    """Write the modal forces of the wrench on a section through its turning by the amplitudes.
 
     force and torque are about the section, in the carrier's axes. Added at offset out (a row for
     each force, `step` apart) is f . dB_k/dd_j + B_k . (theta_j x f) + n . dtheta_j/dd_k.
     """
     p = at(topology, i, at_.PARENT)
+    if at(topology, p, at_.COMPONENTS) > 0:
+        component_geometric_terms(topology, constants, work, i, force, torque, out, step)
+        return
     counts = at(topology, p, at_.NY), at(topology, p, at_.NZ), at(topology, p, at_.NT)
     o = at(topology, i, at_.SECTION_WORK)
     phi = load(work, o + at_.ROTATION_VECTOR)

@@ -51,7 +51,7 @@ def cross(handle, steps, held, longest, interval, mean, slope):
     'float64[:, :, ::1], int64, int64)'
 )
 def advance_along(handle, steps, held, longest, intervals, accelerations, states, first, last):
-    """Write what is not held of the states (2, k, n) in rows first .. last - 1.
+    """Write the free coordinates of the states (2, k, n) in rows first .. last - 1.
 
     Row first - 1 is given, and what is held in all rows. Row k comes intervals[k] after the one
     before; accelerations (2, k, n) are mean and slope of the held joints' over that interval.

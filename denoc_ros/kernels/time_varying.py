@@ -25,7 +25,7 @@ def carried(transition, states, room):
 
 @rows_kernel('void(float64[:, :, ::1], boolean[::1], float64[:, ::1])')
 def linear_states(transitions, starts, states):
-    """Add to each state (k, s) what comes of the one before, but at starts."""
+    """Add to each state (k, s) the propagation of the one before, but at starts."""
     count, s = states.shape
     for k in range(1, count):
         if starts[k]:
@@ -42,7 +42,7 @@ def linear_states(transitions, starts, states):
     'float64[:, ::1], float64[:, ::1], float64[::1])'
 )
 def filter_gains(transitions, starts, noise, edges, order, slopes, gains, deviations):
-    """Write gains (m, s) of a Kalman filter, and deviations (m) of what it does not foresee.
+    """Write gains (m, s) of a Kalman filter, and deviations (m) of its innovations.
 
     Rows order[edges[k]] .. order[edges[k + 1] - 1] are measured at stamp k, one after the other,
     with slopes (m, s) by the states; deviations has those of their own noise before. noise (k, s,
@@ -85,7 +85,7 @@ def filter_gains(transitions, starts, noise, edges, order, slopes, gains, deviat
     'float64[:, ::1], float64[::1], float64[:, ::1])'
 )
 def filter_values(transitions, starts, edges, order, slopes, gains, deviations, values):
-    """Replace values (m, c) by what the filter does not foresee of them, in its deviations."""
+    """Replace values (m, c) by their innovations over these deviations."""
     s, c = slopes.shape[1], values.shape[1]
     states, room, missed = np.zeros((s, c)), np.zeros((s, c)), np.zeros(c)
     for k in range(starts.shape[0]):

@@ -7,7 +7,7 @@ from denoc_ros.kernels.compiled import kernel
 
 @kernel('boolean(float64[::1], float64[::1], float64, float64, float64[::1], int64[::1])')
 def limit_torque(torque, limits, most_change, largest, last, clamped):
-    """Put a torque (n,), within its limits and change, into `last`; count what was clamped.
+    """Write a torque (n,), within its limits and change, into `last`; count clamped ones.
 
     Parameters
     ----------

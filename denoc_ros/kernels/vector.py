@@ -19,7 +19,7 @@ def store(a, o, v):
 
 @inlined
 def accumulate(a, o, v):
-    """Add v to what stands at offset o of a."""
+    """Add v to the vector at offset o of a."""
     a[o] += v[0]
     a[o + 1] += v[1]
     a[o + 2] += v[2]

@@ -9,7 +9,7 @@ from denoc_ros.kernels.vector import add, cross, load, rotate, scale, store
 
 @inlined
 def section_place(topology, work, i):
-    """Return the position, in the base frame, of what row i hangs on."""
+    """Position, in the base frame, of the section that row i hangs on."""
     p = at(topology, i, at_.PARENT)
     u = at(topology, p, at_.WORK)
     position = load(work, u + at_.WORLD_POSITION)

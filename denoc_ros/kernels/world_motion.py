@@ -5,6 +5,7 @@ from denoc_ros.kernels import layout as at_
 from denoc_ros.kernels.beam_derivatives import beam_derivatives
 from denoc_ros.kernels.block import six
 from denoc_ros.kernels.compiled import short_inlined, short_shared
+from denoc_ros.kernels.component_derivatives import component_derivatives
 from denoc_ros.kernels.composite import shifted_spin
 from denoc_ros.kernels.handle import at
 from denoc_ros.kernels.section_columns import show_columns, write_seen
@@ -108,7 +109,7 @@ def turn_matrix(work, turn, o):
 
 @short_inlined
 def own_beam(topology, constants, work, qd, qdd, i):
-    """Write what body i's beam adds, in body axes; momentum and turning in base axes."""
+    """Write body i's beam, in body axes; momentum and turning in base axes."""
     o, e = at(topology, i, at_.WORK), at(topology, i, at_.DERIVED)
     turn = o + at_.WORLD_ROTATION
     x = load(work, o + at_.WORLD_POSITION)
@@ -119,7 +120,10 @@ def own_beam(topology, constants, work, qd, qdd, i):
     store(work, o + at_.ANGULAR_VELOCITY, unrotate(work, turn, w))
     store(work, o + at_.ACCELERATION, unrotate(work, turn, acceleration))
     store(work, o + at_.ANGULAR_ACCELERATION, unrotate(work, turn, al))
-    beam_derivatives(topology, constants, work, qd, qdd, i)
+    if at(topology, i, at_.COMPONENTS) > 0:
+        component_derivatives(topology, constants, work, qd, qdd, i)
+    else:
+        beam_derivatives(topology, constants, work, qd, qdd, i)
     momentum = rotate(work, turn, load(work, e + diff_.MOMENTUM))
     store(work, e + diff_.MOMENTUM, momentum)
     turn_matrix(work, turn, e + diff_.TURNING)

@@ -2,6 +2,7 @@
 
 from denoc_ros.kernels import layout as at_
 from denoc_ros.kernels.compiled import inlined
+from denoc_ros.kernels.component_modes import component_wrench
 from denoc_ros.kernels.handle import at
 from denoc_ros.kernels.vector import (
     accumulate,
@@ -133,7 +134,10 @@ def body_wrench(topology, constants, work, qd, qdd, i):
     """Write the wrench and the modal forces that body i needs for its motion (no elasticity)."""
     rigid_wrench(topology, constants, work, i)
     if at(topology, i, at_.POINTS) > 0:
-        bending_wrench(topology, constants, work, qd, qdd, i)
+        if at(topology, i, at_.COMPONENTS) > 0:
+            component_wrench(topology, constants, work, qd, qdd, i)
+        else:
+            bending_wrench(topology, constants, work, qd, qdd, i)
     if at(topology, i, at_.NT) > 0:
         torsion_wrench(topology, constants, work, qd, qdd, i)
 

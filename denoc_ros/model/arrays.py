@@ -12,6 +12,11 @@ from denoc_ros.kernels.constrained_derivative_layout import lay_out
 from denoc_ros.model import floating
 from denoc_ros.model.beam_arrays import beam_points, polar_constants, section_constants
 from denoc_ros.model.branches import mark_branches
+from denoc_ros.model.component_arrays import (
+    ComponentPoints,
+    component_points,
+    section_of_modes,
+)
 from denoc_ros.model.constraints import constraints_to_arrays
 from denoc_ros.model.coordinates import diagonals, names
 from denoc_ros.model.joint_rows import (
@@ -95,7 +100,7 @@ def _rod(beam: Beam) -> RigidInertia:
 
 def is_flexible(body: Body) -> bool:
     """Say whether a body has amplitudes."""
-    return body.beam is not None and sum(body.beam.modes) > 0
+    return body.amplitudes > 0
 
 
 class _ArrayBuilder:
@@ -133,10 +138,20 @@ class _ArrayBuilder:
             return attachment.placement
         row[layout.PARENT] = self.body_rows[attachment.body]
         carrier = self.tree.bodies[attachment.body]
-        if attachment.station == 0.0 or not is_flexible(carrier):
+        axes = self.axes[row[layout.PARENT] - 1]
+        if attachment.section:
+            assert carrier.modes is not None
+            row[layout.SECTION] = self.append(
+                section_of_modes(carrier.modes, attachment.section, axes, self.geometric)
+            )
+            row[layout.SECTION_WORK] = self.reserve(layout.COLUMNS + 6 * carrier.modes.count)
             moved: Array = attachment.placement.copy()
+            moved[:3] = axes.T @ moved[:3]
+            return moved
+        if attachment.station == 0.0 or not is_flexible(carrier):
+            moved = attachment.placement.copy()
             moved[0, 3] += attachment.station
-            moved[:3] = self.axes[row[layout.PARENT] - 1].T @ moved[:3]
+            moved[:3] = axes.T @ moved[:3]
             return moved
         assert carrier.beam is not None
         row[layout.SECTION] = self.append(
@@ -188,7 +203,10 @@ class _ArrayBuilder:
 
     def moving(self, row: NDArray[np.int64], placement: Array, body: Body) -> None:
         """Write a row that moves by a body's joint, given its carrier and its placement there."""
-        axes = joint_axes(body, is_flexible(body))
+        points = None
+        if body.modes is not None:
+            points = component_points(body.modes, body.joint, self.geometric)
+        axes = joint_axes(body, is_flexible(body)) if points is None else points.axes
         self.axes.append(axes)
         frame = body.frame.copy()
         frame[:3, :3] = frame[:3, :3] @ axes
@@ -200,7 +218,9 @@ class _ArrayBuilder:
             inertia = inertia + inertia_row(_rod(body.beam), axes)
         row[layout.BODY_CONSTANTS] = self.append(*pose_constants(body, placement, frame), inertia)
         row[layout.WORK] = self.reserve(layout.BODY_WORK)
-        if is_flexible(body):
+        if points is not None:
+            self.components(row, points)
+        elif is_flexible(body):
             self.beam(row, body)
         modes = int(row[layout.MODES])
         eliminated = int(row[layout.JOINT]) + modes
@@ -225,6 +245,14 @@ class _ArrayBuilder:
         bending = int(row[layout.NY] + row[layout.NZ])
         row[layout.BEAM_WORK] = self.reserve(int(row[layout.MODES]) + len(points) * (3 + bending))
 
+    def components(self, row: NDArray[np.int64], points: ComponentPoints) -> None:
+        """Write a body's component modes."""
+        row[layout.MODES] = row[layout.COMPONENTS] = points.modes
+        row[layout.POINTS], row[layout.BENT] = points.count, points.bent
+        row[layout.BEAM] = self.append(points.constants)
+        size = points.modes + (2 + points.modes) * 3 * points.count
+        row[layout.BEAM_WORK] = self.reserve(size)
+
     def derivatives(self) -> None:
         """Reserve the storage of the derivatives over all coordinates."""
         slots = mark_branches(self.rows)
@@ -233,7 +261,9 @@ class _ArrayBuilder:
         base[layout.DERIVED] = self.reserve(size)
         base[derivative_layout.ROW_LENGTH] = derivative_layout.row_length(self.coordinate)
         beams = [row[[layout.NY, layout.NZ, layout.POINTS]] for row in self.rows[1:]]
-        scratch = max((derivative_layout.scratch_size(*beam) for beam in beams), default=0)
+        sizes = [derivative_layout.scratch_size(*beam) for beam in beams]
+        sizes += [derivative_layout.component_scratch_size(int(beam[2])) for beam in beams]
+        scratch = max(sizes, default=0)
         base[derivative_layout.BEAM_SCRATCH] = self.reserve(scratch)
 
     def frame(self, attachment: Attachment) -> None:

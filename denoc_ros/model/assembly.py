@@ -2,16 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from denoc_ros.model.beams import FlexibleLink
+from denoc_ros.model.component_links import find_frame
 from denoc_ros.model.inertia import inverse_transform, moved, total
 from denoc_ros.model.rigid_urdf import RigidUrdf, RigidUrdfJoint
 from denoc_ros.model.segments import locate
-from denoc_ros.model.tree import Attachment, Body, Joint, JointKind, RigidInertia, Spring
+from denoc_ros.model.tree import (
+    Attachment,
+    Body,
+    FlexibleLink,
+    Joint,
+    JointKind,
+    RigidInertia,
+    Spring,
+)
 from denoc_ros.types import Array
 
 BASE = -1
@@ -25,7 +33,7 @@ class Assembly:
     bodies: list[Body] = field(default_factory=list)
     frames: dict[str, Attachment] = field(default_factory=dict)  # by link
 
-    def attach(self, link: str, origin: Array) -> Attachment:
+    def attach(self, link: str, origin: Array, names: Collection[str] = ()) -> Attachment:
         """Return where a frame hangs that is given in a link's frame.
 
         Parameters
@@ -34,17 +42,28 @@ class Assembly:
             The link, already in the tree.
         origin : ndarray (4, 4)
             The frame seen from the link frame.
+        names : collection of str
+            The names that it may have among the frames of a link with component modes.
 
         Returns
         -------
         Attachment
-            On a flexible link at the station of its origin; rigidly on the body else.
+            On a beam at the station of its origin, on component modes at its frame; rigidly on
+            the body else.
         """
         at = self.frames[link]
         placement = at.placement @ origin
         if link not in self.flexible:
-            return Attachment(at.body, at.station, placement)
-        beam = self.flexible[link].beam
+            return Attachment(at.body, at.station, placement, at.section)
+        beam, modes = self.flexible[link].beam, self.flexible[link].modes
+        if modes is not None:
+            name = find_frame(modes.link, origin, names)
+            assert name is not None, names
+            if name:
+                placement = placement.copy()
+                placement[:3, 3] -= modes.link.frames[name].origin
+            return Attachment(at.body, 0.0, placement, name)
+        assert beam is not None
         segment, station = locate(beam.whole_length, beam.segments, float(placement[0, 3]))
         if segment == 0 and station == 0.0:
             return Attachment(at.body, 0.0, placement)
@@ -65,11 +84,13 @@ class Assembly:
         On a floating joint if that is named.
         """
         flexible = self.flexible.get(link)
-        frame, beam = np.eye(4), None
+        frame, beam, modes = np.eye(4), None, None
         if flexible is not None:
             frame, beam, inertia = flexible.origin, flexible.beam, flexible.rest
+            modes = flexible.modes
         self.frames[link] = Attachment(len(self.bodies), 0.0, inverse_transform(frame))
-        self.bodies.append(Body(link, at, joint, frame, inertia, beam, floating))
+        body = Body(link, at, joint, frame, inertia, beam, floating, modes=modes)
+        self.bodies.append(body)
         for segment in range(2, 1 if beam is None else beam.segments + 1):
             assert flexible is not None
             beam = flexible.beams[segment - 1]
@@ -129,7 +150,11 @@ def assemble(
 
 def _inwards(assembly: Assembly, link: str, joints: list[RigidUrdfJoint]) -> list[RigidUrdfJoint]:
     """Return a link's joints by the segment that they hang on, outermost first."""
-    return sorted(joints, key=lambda joint: -assembly.attach(link, joint.origin).body)
+    return sorted(joints, key=lambda joint: -_attach(assembly, joint).body)
+
+
+def _attach(assembly: Assembly, joint: RigidUrdfJoint) -> Attachment:
+    return assembly.attach(joint.parent, joint.origin, (joint.name, joint.child))
 
 
 def _add_root(assembly: Assembly, root: str, robot: RigidUrdf) -> None:
@@ -146,13 +171,13 @@ def _add_link(
     inertia: RigidInertia | None,
     moving: Joint,
 ) -> None:
-    at = assembly.attach(joint.parent, joint.origin)
+    at = _attach(assembly, joint)
     inertia = RigidInertia() if inertia is None else inertia
     if joint.kind is JointKind.FLOATING:
         assembly.add_body(joint.child, at, None, inertia, joint.name)
     elif joint.kind is not JointKind.FIXED:
         assembly.add_body(joint.child, at, moving, inertia)
-    elif joint.child in assembly.flexible or at.station > 0.0:
+    elif joint.child in assembly.flexible or at.deforms:
         assembly.add_body(joint.child, at, None, inertia)
     else:
         assembly.merge(joint.child, at, inertia)

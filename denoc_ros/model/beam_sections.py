@@ -40,6 +40,7 @@ REFUSED = {
 MOST_STATIONS = 1000
 SAME_STATION = 1e-9  # of the length
 INTERPOLATIONS = ('linear', 'cubic')
+STRAINS = ('strain_limit', 'stress_limit', 'surface')
 
 
 @dataclass(frozen=True)
@@ -78,6 +79,53 @@ class BeamSection:
         """Return EI [N m^2] for a deflection along y or z."""
         section = self.section
         return self.e * (section.moment_y if direction == 'y' else section.moment_z)
+
+
+@dataclass(frozen=True)
+class StrainLimit:
+    """The largest strain of a beam that a plan may need.
+
+    Attributes
+    ----------
+    strain : float
+        Of the outer fibre; inf: none.
+    surface : (float, float)
+        How far it is along y and z [m]; 0: not known.
+    corners : bool
+        Whether strains of both directions add up in the section's corners.
+    """
+
+    strain: float = math.inf
+    surface: tuple[float, float] = (0.0, 0.0)
+    corners: bool = False
+
+
+NO_LIMIT = StrainLimit()
+
+
+def read_strain_limit(beam: Reader, section: BeamSection | None) -> StrainLimit:
+    """Return the strain limit of a `<beam>` and its outer fibre: the section's, or `surface`."""
+    given = {name: beam.element.get(name) is not None for name in STRAINS}
+    surface, corners, strain = (0.0, 0.0), False, math.inf
+    if given['surface']:
+        depth = beam.number('surface', 'm', above=0.0)
+        surface = (depth, depth)
+        if section is not None:
+            beam.fail('surface', 'not come with a <section>', depth)
+    elif section is not None and section.sizes:
+        corners = section.kind == 'rectangle'
+        surface = (0.5 * section.sizes[0], 0.5 * section.sizes[1 if corners else 0])
+    if given['strain_limit']:
+        strain = beam.number('strain_limit', '-', above=0.0)
+        if not any(surface):
+            beam.fail('strain_limit', 'come with a <section> or with surface', strain)
+    if given['stress_limit']:
+        stress = beam.number('stress_limit', 'Pa', above=0.0)
+        if section is None:
+            beam.fail('stress_limit', 'come with a <section> and its <material>', stress)
+        else:
+            strain = min(strain, stress / section.e)
+    return StrainLimit(strain, surface, corners)
 
 
 def at_most_one(reader: Reader, tag: str) -> Element | None:
@@ -141,6 +189,10 @@ def expand_section(beam: Element) -> None:
     section = read_section(Reader(beam, '', scratch))
     if section is None or scratch.items:
         return
+    limit = read_strain_limit(Reader(beam, '', scratch), section)
+    if beam.attrib.pop('stress_limit', None) is not None or math.isfinite(limit.strain):
+        beam.set('strain_limit', repr(limit.strain))
+        beam.set('surface', repr(max(limit.surface) * (2.0**0.5 if limit.corners else 1.0)))
     for element in beam.findall('section') + beam.findall('material'):
         beam.remove(element)
     beam.set('mass_per_length', repr(section.mass_per_length))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -24,25 +24,10 @@ from denoc_ros.model.segments import (
     segment_torsion_shapes,
 )
 from denoc_ros.model.shapes import ShapeFunctions, shape_functions, torsion_shapes
-from denoc_ros.model.tree import Beam, Deformation, RigidInertia
+from denoc_ros.model.tree import Beam, Deformation, FlexibleLink, RigidInertia
 from denoc_ros.model.varying_shapes import first_root, varying_shapes
-from denoc_ros.types import Array
 
 POINTED = 1e-12  # of a mean: what arithmetic leaves of a zero at the tip
-
-
-@dataclass(frozen=True)
-class FlexibleLink:
-    """A link split in a beam (its segments) and a rigid rest, in the beam frame."""
-
-    origin: Array  # (4, 4) beam frame seen from the link frame
-    beams: tuple[Beam, ...]  # root first
-    rest: RigidInertia
-
-    @property
-    def beam(self) -> Beam:
-        """The first segment."""
-        return self.beams[0]
 
 
 def flexible_link(
@@ -218,7 +203,16 @@ def _beams(
             name = 'static twist' if carries and varying and segments == 1 else ''
             torsion = _deformation(element.torsion, 1, name, element, polar_inertia, span)
         own = (mass.part(*span), polar.part(*span))
-        found.append(Beam(length, mass_per_length, polar_inertia, y, z, torsion, segments, *own))
+        limit = element.strain
+        beam = Beam(length, mass_per_length, polar_inertia, y, z, torsion, segments, *own)
+        found.append(
+            replace(
+                beam,
+                strain_limit=limit.strain,
+                surface=limit.surface,
+                corners=limit.corners,
+            )
+        )
     return tuple(found)
 
 

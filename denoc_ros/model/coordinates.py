@@ -26,6 +26,10 @@ def diagonals(tree: Tree) -> Array:
         if body.floating:
             columns.append(np.zeros((len(PARTS), len(TERMS))))
         columns += [np.array(list(_joint_terms(body))).reshape(-1, len(TERMS))]
+        if body.modes is not None:
+            terms = np.zeros((body.modes.count, len(TERMS)))
+            terms[:, 0], terms[:, 1] = body.modes.stiffness, body.modes.damping
+            columns.append(terms)
         if body.beam is None:
             continue
         for part in (body.beam.y, body.beam.z, body.beam.torsion):
@@ -62,6 +66,8 @@ def names(tree: Tree) -> tuple[list[str], list[str], list[int]]:
             coordinates.append(joint.name)
             if joint.spring is not None:
                 coordinates.append(spring_name(joint.name))
+        if body.modes is not None:
+            coordinates += [f'{body.name}/m{k + 1}' for k in range(body.modes.count)]
         if body.beam is not None:
             for letter, modes in zip('yzt', body.beam.modes, strict=True):
                 coordinates += [f'{body.name}/{letter}{k + 1}' for k in range(modes)]

@@ -9,12 +9,17 @@ import numpy as np
 
 from denoc_ros.model.along import CONSTANT, Along
 from denoc_ros.model.beam_sections import (
+    NO_LIMIT,
+    STRAINS,
     BeamSection,
     Profile,
+    StrainLimit,
     at_most_one,
     read_section,
     read_stations,
+    read_strain_limit,
 )
+from denoc_ros.model.component_links import FlexibleElement, read_flexible
 from denoc_ros.model.findings import Element, Findings, Reader
 from denoc_ros.model.inertial_sensors import InertialElement, read_inertial_sensor
 from denoc_ros.model.loops import LoopElement, read_loop
@@ -25,7 +30,7 @@ from denoc_ros.model.tree import INERTIAL_PARTS, Spring
 from denoc_ros.types import Array
 
 MOST_MODES = 50  # more would only be a typing error
-ELEMENTS = ('beam', 'loop', 'sensor', 'actuator', 'spring')
+ELEMENTS = ('beam', 'flexible', 'loop', 'sensor', 'actuator', 'spring')
 MOST_SEGMENTS = 200
 
 
@@ -56,6 +61,7 @@ class BeamElement:
     segments: int = 1  # equal beams that it is divided into
     mass_along: Along = CONSTANT  # shares of mass_per_length, which is the mean
     polar_along: Along = CONSTANT  # shares of polar_inertia, which is the mean
+    strain: StrainLimit = NO_LIMIT
 
 
 @dataclass
@@ -63,15 +69,17 @@ class Flexibility:
     """The whole block: only elements without findings, in file order."""
 
     beams: dict[str, BeamElement] = field(default_factory=dict)  # by link
+    components: dict[str, FlexibleElement] = field(default_factory=dict)  # by link
     loops: list[LoopElement] = field(default_factory=list)
     sensors: list[SensorElement] = field(default_factory=list)
     inertial_sensors: list[InertialElement] = field(default_factory=list)
     armatures: dict[str, float] = field(default_factory=dict)  # by joint
     springs: dict[str, Spring] = field(default_factory=dict)  # by joint
     flexible_links: set[str] = field(default_factory=set)  # beams with findings as well
+    component_names: set[str] = field(default_factory=set)  # likewise of <flexible>
 
 
-def read_flexibility(root: Element, findings: Findings) -> Flexibility:
+def read_flexibility(root: Element, findings: Findings, folder: str = '') -> Flexibility:
     """Return the elements of the `<flexibility>` block.
 
     Parameters
@@ -80,6 +88,8 @@ def read_flexibility(root: Element, findings: Findings) -> Flexibility:
         `<robot>`.
     findings : Findings
         Gathers what is wrong.
+    folder : str
+        Of the description's file, '' of a text.
 
     Returns
     -------
@@ -98,6 +108,8 @@ def read_flexibility(root: Element, findings: Findings) -> Flexibility:
         Reader(block, 'flexibility', findings).only((), ELEMENTS)
         for element in block.findall('beam'):
             _add_beam(element, links, flexibility, findings)
+        for element in block.findall('flexible'):
+            _add_component_link(element, links, flexibility, folder, findings)
         for element in block.findall('actuator'):
             _add_actuator(element, root, flexibility, findings)
         for element in block.findall('spring'):
@@ -131,10 +143,26 @@ def _add_sensors(
                 flexibility.inertial_sensors.append(inertial)
                 values += len(inertial.parts)
             continue
-        sensor = read_sensor(element, flexible, names, findings)
+        sensor = read_sensor(element, flexible, flexibility.component_names, names, findings)
         if sensor is not None:
             flexibility.sensors.append(sensor)
             values += 1
+
+
+def _add_component_link(
+    element: Element,
+    links: set[str],
+    flexibility: Flexibility,
+    folder: str,
+    findings: Findings,
+) -> None:
+    link = element.get('link', '')
+    if link in flexibility.flexible_links | flexibility.component_names:
+        findings.add(f'flexible {link!r}', 'link must have one <beam> or <flexible>, got two')
+    flexibility.component_names.add(link)
+    found = read_flexible(element, links, folder, findings)
+    if found is not None:
+        flexibility.components[link] = found
 
 
 def _add_actuator(
@@ -161,7 +189,7 @@ def _add_beam(
     before, link = len(findings.items), element.get('link', '')
     reader = Reader(element, f'beam {link!r}', findings)
     reader.only(
-        ('link', 'length', 'mass_per_length', 'shape', 'segments', 'interpolation'),
+        ('link', 'length', 'mass_per_length', 'shape', 'segments', 'interpolation', *STRAINS),
         ('origin', 'section', 'material', 'at', 'bending', 'torsion'),
     )
     if reader.text('link') and link not in links:
@@ -201,7 +229,9 @@ def _read_beam(reader: Reader, link: str) -> BeamElement:
         bending.get('z'),
         torsion,
         segments,
-        *(stations.get(name, (0.0, CONSTANT))[1] for name in ('mass_per_length', 'polar_inertia')),
+        mass_along=stations.get('mass_per_length', (0.0, CONSTANT))[1],
+        polar_along=stations.get('polar_inertia', (0.0, CONSTANT))[1],
+        strain=read_strain_limit(reader, section),
     )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
@@ -120,21 +120,8 @@ def _read_station(
     return None
 
 
-def make_inertial_sensor(
-    element: InertialElement, on_link: Array, attach: Callable[[str, Array], Attachment]
-) -> InertialSensor:
-    """Return the sensor, mounted.
-
-    Parameters
-    ----------
-    element : InertialElement
-    on_link : ndarray (4, 4)
-        The beam's section at its station, undeformed, seen from the link frame; else eye.
-    attach : callable
-        Returns where a frame hangs that is given in a link's frame.
-    """
-    at = attach(element.link, on_link)
-    mount = Attachment(at.body, at.station, at.placement @ element.origin)
+def make_inertial_sensor(element: InertialElement, mount: Attachment) -> InertialSensor:
+    """Return the sensor, given where its axes are mounted."""
     return InertialSensor(
         element.name,
         element.type,

@@ -2,9 +2,16 @@
 
 from __future__ import annotations
 
+import logging
 import os
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
+
+import trimesh
+
+from denoc_ros.errors import ModelError
 
 
 def mesh_file(name: str, folder: Path | None) -> Path | None:
@@ -33,3 +40,39 @@ def _candidates(name: str, folder: Path | None) -> Iterator[Path]:
                 yield above / rest.partition('/')[2]
     elif not colon or scheme == 'file':
         yield Path(folder or '', rest)
+
+
+def read_surface(file: Path) -> Any:
+    """Read a surface mesh, a `trimesh.Trimesh`; the parts of a scene are one mesh.
+
+    Raises
+    ------
+    ModelError
+        For a file that is no mesh, or one without triangles.
+    """
+    try:
+        with _silent('trimesh'):
+            mesh = trimesh.load(file, force='mesh', skip_materials=True)
+    except OSError as error:
+        rule = 'the file must be readable'
+        raise ModelError(str(file), [f'{rule}, got: {error.strerror or error}']) from error
+    except Exception as error:  # a dozen readers, each with errors of its own
+        rule = 'the file must be a surface mesh'
+        raise ModelError(str(file), [f'{rule}, got: {error or type(error).__name__}']) from error
+    if not isinstance(mesh, trimesh.Trimesh) or not len(mesh.faces):
+        raise ModelError(str(file), ['the mesh must have triangles, got none'])
+    return mesh
+
+
+@contextmanager
+def _silent(*loggers: str) -> Iterator[None]:
+    """Keep libraries from complaining of what is no error here."""
+    logs = [logging.getLogger(name) for name in loggers]
+    levels = [log.level for log in logs]
+    for log in logs:
+        log.setLevel(logging.CRITICAL + 1)
+    try:
+        yield
+    finally:
+        for log, level in zip(logs, levels, strict=True):
+            log.setLevel(level)

@@ -506,6 +506,11 @@ def mjcf(
     if not 1 <= segments <= MOST_SEGMENTS:
         findings.add('segments', f'must be 1 to {MOST_SEGMENTS}, got {segments}')
         ModelError.raise_any(tree.name, findings.items)
+    for body in tree.bodies:
+        if body.modes is not None:
+            rule = 'must be a <beam>, which MJCF holds as a chain of hinges'
+            findings.add(f'link {body.name!r}', f'{rule}, got a <flexible>')
+    ModelError.raise_any(tree.name, findings.items)
     writer = _Writer(tree, segments, findings)
     for index, body in enumerate(tree.bodies):
         writer.body(index, body)

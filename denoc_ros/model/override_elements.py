@@ -47,7 +47,7 @@ def set_attribute(
         findings.add(f'path {path!r}', f'value must be a number, or numbers, got {value!r}')
         return
     element.set(attribute, text)
-    if attribute in DAMPING and element.tag in ('bending', 'torsion'):
+    if attribute in DAMPING and element.tag in ('bending', 'torsion', 'flexible'):
         (other,) = set(DAMPING) - {attribute}
         element.attrib.pop(other, None)
 

@@ -34,6 +34,7 @@ def override_values(tree: Tree) -> Values:
     for body in tree.bodies:
         values.update(_of_joint(body))
         values.update(_of_beam(body))
+        values.update(_of_modes(body))
     for sensor in tree.sensors:
         for field in SENSOR_FIELDS:
             values[f'sensor.{sensor.name}.{field}'] = float(getattr(sensor, field))
@@ -73,6 +74,15 @@ def critical_damping(beam: Beam) -> Iterator[tuple[str, Deformation, NDArray[np.
     ):
         if part is not None:
             yield name, part, segments.critical_damping(part, *inertia, beam.segments)
+
+
+def _of_modes(body: Body) -> Iterator[tuple[str, float | list[float]]]:
+    if (modes := body.modes) is not None:
+        path = f'flexible.{body.name}'
+        yield f'{path}.stiffness', modes.factor
+        yield f'{path}.damping', modes.damping.tolist()
+        ratio = modes.damping / modes.critical_damping
+        yield f'{path}.damping_ratio', [float(f'{r:.12g}') for r in ratio]
 
 
 def _of_beam(body: Body) -> Iterator[tuple[str, float | list[float]]]:

@@ -4,6 +4,7 @@
 `beam.<link>.torsion.<gj|polar_inertia|modes|damping_ratio|damping>`,
 `joint.<name>.<damping|friction|armature>`, of an elastic joint
 `joint.<name>.<stiffness|spring_damping|stiffness3|backlash>`,
+`flexible.<link>.<stiffness|damping_ratio|damping>` (stiffness: a factor on the file's),
 `sensor.<name>.<gain|offset|noise>` and `payload.<link>.<mass|com|inertia>`;
 `damping.<joint>` is another name for `joint.<joint>.damping`, `damping.<link>.<y|z|torsion>` for
 `beam.<link>.<y|z|torsion>.damping_ratio`. Beams and joints are changed in the description, so
@@ -38,7 +39,8 @@ from denoc_ros.types import Array
 
 Given = TypeVar('Given')
 
-FAMILIES = ('beam', 'joint', 'payload', 'sensor', 'damping')
+FAMILIES = ('beam', 'flexible', 'joint', 'payload', 'sensor', 'damping')
+FLEXIBLE_FIELDS = ('stiffness', *DAMPING)
 WHOLE_BEAM_FIELDS = ('shape', 'segments')
 BEAM_FIELDS = {
     'y': ('ei', 'modes', *DAMPING),
@@ -91,13 +93,14 @@ def with_overrides(
         If the changed description does not give a robot.
     """
     if isinstance(source, Tree):
-        where, text = 'robot with overrides', source.source
+        where, text, folder = 'robot with overrides', source.source, source.folder
         root = parse_xml(where, text)
         overrides = plain_paths(_damping_names(root), overrides)
         older = {path: old for path, old in source.overrides.items() if path not in overrides}
         overrides = plain_paths({}, {**older, **overrides})
     else:
         where, text = read_source(source)
+        folder = None
         root = parse_xml(where, text)
         overrides = plain_paths(_damping_names(root), overrides)
     findings = Findings()
@@ -105,7 +108,7 @@ def with_overrides(
     for path, value in overrides.items():
         _apply(root, path, value, payloads, findings)
     ConfigError.raise_any(WHERE, findings.items)
-    tree = _with_payloads(tree_of(root, where, text), payloads)
+    tree = _with_payloads(tree_of(root, where, text, folder), payloads)
     return replace(tree, overrides=dict(overrides))
 
 
@@ -221,6 +224,8 @@ def _apply(
     kind, _, rest = path.partition('.')
     if kind == 'beam':
         _override_beam(root, path, rest, value, findings)
+    elif kind == 'flexible':
+        _override_flexible(root, path, rest, value, findings)
     elif kind == 'joint':
         override_joint(root, path, rest, value, findings)
     elif kind == 'sensor':
@@ -231,14 +236,14 @@ def _apply(
     elif kind == 'damping':
         unknown_path(path, list(_damping_names(root)), findings)
     else:
-        rule = 'start with beam., joint., payload., sensor. or damping.'
+        rule = 'start with beam., flexible., joint., payload., sensor. or damping.'
         findings.add(f'path {path!r}', f'must {rule}, got {kind!r}')
 
 
 def _instead_of(path: str) -> str:
     """Return the path of the other of a beam's damping and damping_ratio, '' for other paths."""
     start, _, field = path.rpartition('.')
-    if not path.startswith('beam.') or field not in DAMPING:
+    if not path.startswith(('beam.', 'flexible.')) or field not in DAMPING:
         return ''
     (other,) = set(DAMPING) - {field}
     return f'{start}.{other}'
@@ -262,6 +267,18 @@ def _override_beam(
                     set_attribute(part, field, path, value, findings)
                     return
     unknown_path(path, _known_beams(root), findings)
+
+
+def _override_flexible(
+    root: Element, path: str, rest: str, value: Value | Array, findings: Findings
+) -> None:
+    links = {each.get('link'): each for each in root.iterfind('flexibility/flexible')}
+    link, _, field = rest.rpartition('.')
+    if link in links and field in FLEXIBLE_FIELDS:
+        set_attribute(links[link], field, path, value, findings)
+        return
+    fields = '|'.join(FLEXIBLE_FIELDS)
+    unknown_path(path, [f'flexible.{each}.<{fields}>' for each in links], findings)
 
 
 def _fit_to_segments(beam: Element, field: str) -> None:

@@ -90,6 +90,8 @@ def description_in_words(tree: Tree) -> str:
     for body in tree.bodies:
         if body.beam is not None and body.segment <= 1:
             found[_beam_in_words(body.beam)] = None
+        if body.modes is not None:
+            found[f'{body.modes.count} component modes'] = None
     return '; '.join(found) or 'rigid links'
 
 

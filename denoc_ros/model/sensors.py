@@ -9,10 +9,18 @@ import numpy as np
 
 from denoc_ros.model.findings import Element, Findings, Reader
 from denoc_ros.model.segments import locate
-from denoc_ros.model.tree import INERTIAL_PARTS, Beam, Deformation, Sensor, Tree
+from denoc_ros.model.tree import (
+    INERTIAL_PARTS,
+    Beam,
+    ComponentModes,
+    Deformation,
+    Sensor,
+    Tree,
+)
 from denoc_ros.types import Array
 
 COMMON = ('name', 'type', 'link', 'station', 'direction', 'gain', 'offset', 'noise')
+ON_MESH = ('name', 'type', 'link', 'point', 'gain', 'offset', 'noise')
 # of geometry_msgs/WrenchStamped, in its order
 WRENCH_FIELDS = ('force.x', 'force.y', 'force.z', 'torque.x', 'torque.y', 'torque.z')
 OWN = {'strain_gauge': ('surface',), 'load_cell': ('component',), 'deflection': ()}
@@ -34,10 +42,15 @@ class SensorElement:
     noise: float
     topic: str
     field: str
+    point: str = ''  # strain point of a link reduced from finite elements
 
 
 def read_sensor(
-    element: Element, flexible: Collection[str], names: set[str], findings: Findings
+    element: Element,
+    flexible: Collection[str],
+    components: Collection[str],
+    names: set[str],
+    findings: Findings,
 ) -> SensorElement | None:
     """Return a sensor, None if it has findings.
 
@@ -47,6 +60,8 @@ def read_sensor(
         `<sensor>`.
     flexible : collection of str
         Links with a beam.
+    components : collection of str
+        Links reduced from finite elements.
     names : set of str
         Names of the sensors before it; its own is added.
     findings : Findings
@@ -61,11 +76,18 @@ def read_sensor(
     reader = Reader(element, f'sensor {name!r}', findings)
     type_ = reader.choice('type', (*OWN, *INERTIAL_PARTS))
     own = OWN.get(type_, ('surface', 'component'))
-    reader.only((*COMMON, *own, 'topic', 'field'))
+    link = element.get('link', '')
+    on_mesh = link in components
+    if on_mesh:
+        reader.only((*ON_MESH, 'topic', 'field'))
+        if type_ not in ('strain_gauge', ''):
+            reader.fail('type', 'be strain_gauge, imu or accelerometer on a <flexible>', type_)
+    else:
+        reader.only((*COMMON, *own, 'topic', 'field'))
     reader.unique_name(names)
-    link = reader.text('link')
-    if link and link not in flexible:
-        reader.fail('link', 'be a link with a <beam>', link)
+    reader.text('link')
+    if link and link not in flexible and not on_mesh:
+        reader.fail('link', 'be a link with a <beam> or a <flexible>', link)
     gain = reader.number('gain', default=1.0)
     if gain == 0.0:
         reader.fail('gain', 'not be zero', 0)
@@ -73,15 +95,18 @@ def read_sensor(
         name,
         type_,
         link,
-        reader.number('station', 'm', least=0.0),
-        reader.choice('direction', ('y', 'z')),
-        reader.number('surface', 'm') if type_ == 'strain_gauge' else 0.0,
-        reader.choice('component', ('moment', 'shear')) if type_ == 'load_cell' else '',
+        0.0 if on_mesh else reader.number('station', 'm', least=0.0),
+        '' if on_mesh else reader.choice('direction', ('y', 'z')),
+        reader.number('surface', 'm') if type_ == 'strain_gauge' and not on_mesh else 0.0,
+        reader.choice('component', ('moment', 'shear'))
+        if type_ == 'load_cell' and not on_mesh
+        else '',
         gain,
         reader.number('offset', default=0.0),
         reader.number('noise', least=0.0, default=0.0),
         reader.text('topic', ''),
         reader.text('field', ''),
+        reader.text('point') if on_mesh else '',
     )
     return sensor if len(findings.items) == before else None
 
@@ -190,6 +215,24 @@ def make_sensor(element: SensorElement, body: int, beams: Sequence[Beam]) -> Sen
         min(element.station, beam.whole_length),
         element.direction,
         element.surface,
+    )
+
+
+def make_strain_sensor(element: SensorElement, body: int, modes: ComponentModes) -> Sensor:
+    """Return the gauge on a strain point of a link reduced from finite elements."""
+    return Sensor(
+        element.name,
+        element.type,
+        element.link,
+        body,
+        modes.link.strain[element.point].row,
+        element.gain,
+        element.offset,
+        element.noise,
+        element.topic,
+        element.field,
+        '',
+        point=element.point,
     )
 
 

@@ -173,6 +173,52 @@ class WaveShapes(ShapeFunctions):
         return np.asarray(np.polynomial.polynomial.polyval(xi, polynomials).T)
 
 
+STEP, HINGE = 0, 1  # the lowest derivative that jumps
+
+
+@dataclass(frozen=True)
+class CutShapes(ShapeFunctions):
+    """Shape functions, and behind them those of a beam that is cut at some stations.
+
+    Attributes
+    ----------
+    smooth : ShapeFunctions
+    cuts : tuple of (float, int)
+        Station [m], and HINGE (x - station beyond it, 0 before) or STEP (1 beyond it). Their
+        curvature at the station itself is left out.
+    """
+
+    smooth: ShapeFunctions
+    cuts: tuple[tuple[float, int], ...]
+
+    @property
+    def length(self) -> float:  # type: ignore[override]
+        """Length of the beam [m]."""
+        return self.smooth.length
+
+    @property
+    def edges(self) -> tuple[float, ...]:
+        """Shares of the length, from 0 to 1, between each two of which the shapes are smooth."""
+        return merged_edges(self.smooth.edges, [at / self.length for at, _ in self.cuts])
+
+    @property
+    def modes(self) -> int:
+        """Number of shape functions."""
+        return self.smooth.modes + len(self.cuts)
+
+    def derivatives(self, x: Array, order: int) -> Array:
+        """Return the derivative of a given order [1/m^order], (k, modes), at stations x (k,)."""
+        x = np.atleast_1d(np.asarray(x, dtype=np.float64))
+        beyond = np.array([x - at for at, _ in self.cuts]).T
+        powers = np.array([kind for _, kind in self.cuts]) - order
+        cut = np.where((beyond >= 0.0) & (powers >= 0), beyond ** np.maximum(powers, 0), 0.0)
+        return np.hstack([self.smooth.derivatives(x, order), cut])
+
+    def combined(self, matrix: Array) -> ShapeFunctions:
+        """Return the combinations of the shapes that the columns of a matrix make."""
+        raise StateError('shapes of a beam that is cut must not be combined, got a matrix')
+
+
 @cache
 def gauss_rule(points: int) -> tuple[Array, Array]:
     """Return nodes on -1 .. 1 and weights, each (points,); worked out once, not to be written."""

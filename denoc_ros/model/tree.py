@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from denoc_ros.model.along import CONSTANT, Along
+from denoc_ros.model.link_file import ReducedLink
 from denoc_ros.model.shapes import ShapeFunctions
 from denoc_ros.types import Array
 
@@ -126,6 +127,9 @@ class Beam:
     segments: int = 1  # this beam is one of so many of one length that make up the link's
     mass_along: Along = CONSTANT  # shares of mass_per_length along this beam
     polar_along: Along = CONSTANT  # shares of polar_inertia along this beam
+    strain_limit: float = np.inf  # of the outer fibre, for plans
+    surface: tuple[float, float] = (0.0, 0.0)  # m, how far it is along y and z; 0: not known
+    corners: bool = False  # whether strains of both directions add up in the section's corners
 
     @property
     def varies(self) -> bool:
@@ -146,17 +150,79 @@ class Beam:
 
 
 @dataclass(frozen=True)
+class ComponentModes:
+    """The elastic part of a link reduced from finite elements; its body frame is the link's."""
+
+    file: str  # its path
+    link: ReducedLink
+    stiffness: Array  # (m,) the file's, times the factor
+    damping: Array  # (m,) coefficients
+    factor: float = 1.0  # on the file's stiffness
+
+    @property
+    def count(self) -> int:
+        """Number of modes."""
+        return self.link.modes
+
+    @property
+    def critical_damping(self) -> Array:
+        """Critical damping (m,) of each mode with the link frame held."""
+        return np.asarray(2.0 * np.sqrt(self.stiffness * self.link.modal_mass))
+
+    @property
+    def spans(self) -> Array:
+        """Amplitude (m,) of each mode that displaces a frame by the link's size."""
+        frames = self.link.frames.values()
+        size = max([float(np.linalg.norm(frame.origin)) for frame in frames], default=0.0)
+        size = size or float(np.linalg.norm(self.link.com))
+        moved = [np.linalg.norm(frame.phi, axis=0) for frame in frames]
+        moved.append(np.sqrt(self.link.modal_mass / self.link.mass))
+        return np.asarray(size / np.max(moved, axis=0))
+
+    @property
+    def tip(self) -> str:
+        """Name of the frame that is farthest from the link frame, '' where there is none."""
+        frames = self.link.frames
+        return max(frames, key=lambda name: float(np.linalg.norm(frames[name].origin)), default='')
+
+
+@dataclass(frozen=True)
+class FlexibleLink:
+    """A link split in a beam (its segments) and a rigid rest, in the beam frame.
+
+    Or in component modes and a rest, in the link frame: then there are no beams.
+    """
+
+    origin: Array  # (4, 4) beam frame seen from the link frame
+    beams: tuple[Beam, ...]  # root first
+    rest: RigidInertia
+    modes: ComponentModes | None = None
+
+    @property
+    def beam(self) -> Beam | None:
+        """The first segment."""
+        return self.beams[0] if self.beams else None
+
+
+@dataclass(frozen=True)
 class Attachment:
-    """Where a frame hangs: on a body, at a station of its beam.
+    """Where a frame hangs: on a body, at a station of its beam or at a frame of its modes.
 
     `body` is -1 for the base. `station` [m] is 0 for the body frame itself (always so on a rigid
     body); else the placement is relative to the beam's cross-section there, which undeformed
-    stands at (station, 0, 0) of the body frame with its axes.
+    stands at (station, 0, 0) of the body frame with its axes. `section` names the frame of a link
+    with component modes that the placement is relative to: its origin, with the body's axes.
     """
 
     body: int
     station: float
     placement: Array  # (4, 4) homogeneous, undeformed: frame seen from the body frame or section
+    section: str = ''
+
+    @property
+    def deforms(self) -> bool:
+        """Whether it moves on its body as that one deforms."""
+        return self.station != 0.0 or self.section != ''
 
 
 @dataclass(frozen=True)
@@ -178,11 +244,28 @@ class Body:
     beam: Beam | None = None
     floating: str = ''  # name of the floating joint that it is on, else empty
     segment: int = 1  # which of its link's segments it is, from 1 at the root
+    modes: ComponentModes | None = None  # of a link reduced from finite elements: then no beam
 
     @property
     def link(self) -> str:
         """The link that it is, or is a segment of."""
         return self.name if self.segment == 1 else self.name.rpartition('/')[0]
+
+    @property
+    def amplitudes(self) -> int:
+        """Number of its amplitudes."""
+        own = 0 if self.modes is None else self.modes.count
+        return own if self.beam is None else sum(self.beam.modes)
+
+    @property
+    def spans(self) -> Array:
+        """Size (amplitudes,) of each amplitude: the link's, 1 rad of twist."""
+        if self.modes is not None:
+            return self.modes.spans
+        if self.beam is None:
+            return np.zeros(0)
+        ny, nz, nt = self.beam.modes
+        return np.concatenate([np.full(ny + nz, self.beam.length), np.ones(nt)])
 
     @property
     def start(self) -> float:
@@ -213,6 +296,7 @@ class Sensor:
     station: float = 0.0  # m, on the link's whole beam
     direction: str = ''  # y | z
     surface: float = 0.0  # m, of a strain gauge
+    point: str = ''  # strain point of a link with component modes
 
 
 INERTIAL_PARTS = {
@@ -282,6 +366,7 @@ class Tree:
     source: str = ''  # the URDF text it was read from
     overrides: Mapping[str, Any] = field(default_factory=dict)  # applied on top, by dotted path
     inertial_sensors: tuple[InertialSensor, ...] = ()  # `sensors` has those on beams
+    folder: str = ''  # of the description's file: files that it names are relative to it
 
     @cached_property
     def sensor_names(self) -> tuple[str, ...]:

@@ -3,22 +3,26 @@
 from __future__ import annotations
 
 import os
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
 from denoc_ros.errors import ModelError
 from denoc_ros.model.assembly import Assembly, assemble
-from denoc_ros.model.beams import FlexibleLink, flexible_link
+from denoc_ros.model.beams import flexible_link
+from denoc_ros.model.component_links import check_frame, component_link
 from denoc_ros.model.findings import Element, Findings
 from denoc_ros.model.flexibility import Flexibility, read_flexibility
 from denoc_ros.model.inertia import inverse_transform
 from denoc_ros.model.inertial_sensors import InertialElement, make_inertial_sensor
 from denoc_ros.model.loops import LoopElement
 from denoc_ros.model.rigid_urdf import RigidUrdf, read_rigid_urdf
-from denoc_ros.model.sensors import SensorElement, make_sensor
-from denoc_ros.model.source import parse_xml, read_source
+from denoc_ros.model.sensors import SensorElement, make_sensor, make_strain_sensor
+from denoc_ros.model.source import TEXT_NAME, parse_xml, read_source
 from denoc_ros.model.springs import check_springs
-from denoc_ros.model.tree import InertialSensor, Loop, LoopFrame, Sensor, Tree
+from denoc_ros.model.tree import FlexibleLink, InertialSensor, Loop, LoopFrame, Sensor, Tree
+from denoc_ros.types import Array
 
 
 def load_tree(source: str | os.PathLike[str]) -> Tree:
@@ -44,7 +48,7 @@ def load_tree(source: str | os.PathLike[str]) -> Tree:
     return tree_of(parse_xml(where, text), where, text)
 
 
-def tree_of(root: Element, where: str, text: str) -> Tree:
+def tree_of(root: Element, where: str, text: str, folder: str | None = None) -> Tree:
     """Return the robot of a parsed description.
 
     Parameters
@@ -55,6 +59,9 @@ def tree_of(root: Element, where: str, text: str) -> Tree:
         Its name in errors.
     text : str
         The description, kept in the tree as its source.
+    folder : str, optional
+        Of its file, which files that it names are relative to; None: that of `where`, if `where`
+        is a file, else it is a text.
 
     Returns
     -------
@@ -68,11 +75,14 @@ def tree_of(root: Element, where: str, text: str) -> Tree:
     """
     findings, warnings = Findings(), list[str]()
     robot = read_rigid_urdf(root, findings, warnings)
-    flexibility = read_flexibility(root, findings)
+    if folder is None:
+        folder = str(Path(where).parent) if where != TEXT_NAME and Path(where).is_file() else ''
+    flexibility = read_flexibility(root, findings, folder)
     flexible = _flexible_links(robot, flexibility, findings, warnings)
     _check_segment_names(robot, flexible, findings)
     sensors = _sensor_elements(flexibility, findings, warnings)
     _check_loop_frames(robot, flexibility, findings)
+    _check_component_frames(robot, flexibility, findings, warnings)
     springs, armatures = flexibility.springs, flexibility.armatures
     check_springs(robot, springs, armatures, flexibility.loops, findings, warnings)
     ModelError.raise_any(where, findings.items)
@@ -90,6 +100,7 @@ def tree_of(root: Element, where: str, text: str) -> Tree:
             _inertial_sensor(sensor, flexibility, assembly)
             for sensor in flexibility.inertial_sensors
         ),
+        folder=folder,
     )
 
 
@@ -104,7 +115,32 @@ def _flexible_links(
             made = flexible_link(element, robot.links[link], findings, warnings, carries)
             if made is not None:
                 found[link] = made
+    for link, component in flexibility.components.items():
+        if link in robot.links:
+            made = component_link(component, robot.links[link], findings, warnings)
+            if made is not None:
+                found[link] = made
     return found
+
+
+def _check_component_frames(
+    robot: RigidUrdf, flexibility: Flexibility, findings: Findings, warnings: list[str]
+) -> None:
+    """Note what hangs on a link with component modes, but on none of its frames."""
+    hung: list[tuple[str, str, Array, tuple[str, ...]]] = [
+        (f'joint {joint.name!r}', joint.parent, joint.origin, (joint.name, joint.child))
+        for joint in robot.joints
+    ]
+    for loop in flexibility.loops:
+        parent, child = _frame_names(loop)
+        whose = f'loop {loop.name!r}'
+        hung.append((whose, loop.parent, loop.parent_origin, (parent, loop.name)))
+        hung.append((whose, loop.child, loop.child_origin, (child, loop.name)))
+    for sensor in flexibility.inertial_sensors:
+        hung.append((f'sensor {sensor.name!r}', sensor.link, sensor.origin, (sensor.name,)))
+    for whose, link, origin, names in hung:
+        if (element := flexibility.components.get(link)) is not None:
+            check_frame(whose, element, origin, names, findings, warnings)
 
 
 def _carrying(robot: RigidUrdf, flexibility: Flexibility) -> set[str]:
@@ -131,7 +167,7 @@ def _check_segment_names(
     robot: RigidUrdf, flexible: dict[str, FlexibleLink], findings: Findings
 ) -> None:
     for link, made in flexible.items():
-        for segment in range(2, made.beam.segments + 1):
+        for segment in range(2, 1 if made.beam is None else made.beam.segments + 1):
             if f'{link}/{segment}' in robot.links:
                 rule = f'names of its segments, {link}/2 and on, must be no links'
                 findings.add(f'beam {link!r}', f"{rule}, got '{link}/{segment}'")
@@ -141,6 +177,11 @@ def _sensor_elements(
     flexibility: Flexibility, findings: Findings, warnings: list[str]
 ) -> list[SensorElement]:
     for sensor in flexibility.sensors:
+        component = flexibility.components.get(sensor.link)
+        if component is not None and sensor.point not in component.modes.link.strain:
+            known = ', '.join(component.modes.link.strain) or 'none'
+            rule = f'point must be a strain point of flexible link {sensor.link!r} ({known})'
+            findings.add(f'sensor {sensor.name!r}', f'{rule}, got {sensor.point!r}')
         beam = flexibility.beams.get(sensor.link)
         if beam is None:
             continue
@@ -165,11 +206,15 @@ def _inertial_sensor(
     sensor: InertialElement, flexibility: Flexibility, assembly: Assembly
 ) -> InertialSensor:
     section = np.eye(4)
+    if sensor.link in flexibility.components:
+        at = assembly.attach(sensor.link, sensor.origin, (sensor.name,))
+        return make_inertial_sensor(sensor, at)
     if sensor.station is not None:
         beam = flexibility.beams[sensor.link]
         section[0, 3] = min(sensor.station, beam.length)
         section = beam.origin @ section
-    return make_inertial_sensor(sensor, section, assembly.attach)
+    at = assembly.attach(sensor.link, section)
+    return make_inertial_sensor(sensor, replace(at, placement=at.placement @ sensor.origin))
 
 
 def _frame_names(loop: LoopElement) -> tuple[str, str]:
@@ -186,8 +231,8 @@ def _check_loop_frames(robot: RigidUrdf, flexibility: Flexibility, findings: Fin
 
 def _loop(loop: LoopElement, assembly: Assembly) -> Loop:
     parent, child = _frame_names(loop)
-    assembly.frames[parent] = assembly.attach(loop.parent, loop.parent_origin)
-    assembly.frames[child] = assembly.attach(loop.child, loop.child_origin)
+    assembly.frames[parent] = assembly.attach(loop.parent, loop.parent_origin, (parent, loop.name))
+    assembly.frames[child] = assembly.attach(loop.child, loop.child_origin, (child, loop.name))
     return Loop(
         loop.name,
         loop.type,
@@ -202,4 +247,7 @@ def _loop(loop: LoopElement, assembly: Assembly) -> Loop:
 
 def _sensor(sensor: SensorElement, assembly: Assembly) -> Sensor:
     index = assembly.frames[sensor.link].body
-    return make_sensor(sensor, index, assembly.flexible[sensor.link].beams)
+    flexible = assembly.flexible[sensor.link]
+    if flexible.modes is not None:
+        return make_strain_sensor(sensor, index, flexible.modes)
+    return make_sensor(sensor, index, flexible.beams)

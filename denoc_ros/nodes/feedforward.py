@@ -122,8 +122,9 @@ class FeedforwardNode(LiveFeedforward):
             if len(values) not in (1, n):
                 rule = f"parameter 'impedance.{what}' must have 1 or {n} elements"
                 raise ConfigError(name, [f'{rule}, got {len(values)}'])
-        columns = (np.broadcast_to(values, n) for values in gains)
-        return ImpedanceOutput(self, self.joints, *columns, settings.number('ramp_time'))
+        stiffness, damping = (np.broadcast_to(values, n) for values in gains)
+        ramp_time = settings.number('ramp_time')
+        return ImpedanceOutput(self, self.joints, stiffness, damping, ramp_time)
 
     def _connect(self) -> None:
         """Subscribe, once: a node that is configured again keeps its subscriptions."""

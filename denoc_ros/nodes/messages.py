@@ -21,7 +21,7 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from denoc_ros.bags.cdr import stamp_bytes
 from denoc_ros.bags.definitions import exact_cdr
-from denoc_ros.runtime.conversions import IMPEDANCE
+from denoc_ros.bags.joint_state import IMPEDANCE
 from denoc_ros.types import Array
 
 DELIVERY = 0.5  # s

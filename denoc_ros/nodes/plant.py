@@ -13,7 +13,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, String
 from trajectory_msgs.msg import JointTrajectory
 
-from denoc_ros.bags.joint_state import FIELDS, JointStateMessage
+from denoc_ros.bags.joint_state import FIELDS, IMPEDANCE, JointStateMessage
 from denoc_ros.dynamics.deflection import TipDeflections
 from denoc_ros.dynamics.driven_motion import DrivenMotion, driven_motion
 from denoc_ros.dynamics.equilibrium import Equilibrium
@@ -33,7 +33,7 @@ from denoc_ros.nodes.robot_node import RobotNode
 from denoc_ros.nodes.sensor_outputs import SensorOutputs
 from denoc_ros.nodes.time_source import TimeSource
 from denoc_ros.runtime.clocks import Clock as RobotClock
-from denoc_ros.runtime.conversions import IMPEDANCE, CommandReader
+from denoc_ros.runtime.conversions import CommandReader
 from denoc_ros.runtime.input_error import InputError
 from denoc_ros.runtime.motion_bounds import motion_bounds
 from denoc_ros.runtime.parameters import Settings, Value

@@ -129,7 +129,7 @@ class PredictorNode(RobotNode):
         zero = np.zeros(self.robot.n)
         self.observer.deflections.evaluate(zero, zero)
         self._write_pose(zero, self._pose)
-        self.robot.beam_sensor_values(zero)
+        self.robot.beam_sensor_values(zero, zero, zero)
         self._line_markers.encode(self._lines.points(zero), 0)
 
     def _connect(self) -> None:
@@ -280,7 +280,7 @@ class PredictorNode(RobotNode):
 
     def _explained(self, robot: Robot, observer: Observer) -> Array:
         """Predicted readings of the sensors with a topic, without loads outside the model."""
-        values = robot.beam_sensor_values(observer.q)
+        values = observer.sensor_values(robot)
         if observer.fusion is not None:
             values -= observer.fusion.unexplained()
         return np.asarray(values[self.sensors.places])

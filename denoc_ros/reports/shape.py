@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from denoc_ros.control.plan import LimitUse, Plan
 from denoc_ros.model.tree import Tree
 from denoc_ros.reports.figures import DIFFERENCE_COLOUR, PHASE_COLOURS, Curve, Panel, line_figure
 from denoc_ros.reports.pages import Card, PageSection, PageTable, ReportPage, Verdict, engineering
@@ -71,7 +72,9 @@ def _cards(found: PlanComparison) -> list[Card]:
         Card('Joints move before', engineering(plan.preaction, 's')),
         Card('Joints move after', engineering(plan.postaction, 's')),
     ]
-    if plan.stretch > 1.0:
+    if plan.passed is not None:
+        cards.append(Card('Time, of that asked for', f'{plan.stretch:.4g}', 'least within limits'))
+    elif plan.stretch > 1.0:
         cards.append(Card('Slower by', f'{plan.stretch:.4g}', 'to keep the limits'))
     if plan.delay > 0.0:
         cards.append(Card('Arrives later by', engineering(plan.delay, 's')))
@@ -127,9 +130,36 @@ def _torque(found: PlanComparison, units: Units) -> PageSection:
         Panel(name, units.effort(name), [Curve(SHAPED, PHASE_COLOURS[1], plan.t, column)])
         for name, column in zip(plan.joint_names, plan.torque.T, strict=True)
     ]
-    return PageSection(
-        'Torque', 'What the joints need for it, on this model.', [line_figure(panels)]
-    )
+    figures = [line_figure(panels)]
+    text = 'What the joints need for it, on this model.'
+    use, tables = plan.limits, []
+    if use is not None and use.names:
+        text += ' Below, how much of its limits the plan uses at each instant, and which binds.'
+        figures.append(line_figure([Panel('Largest share of a limit', '', _binding(plan, use))]))
+        most = use.largest
+        head = ['limit', 'largest share', 'time gained by 1 % more']
+        used = sorted(most, key=lambda name: (-use.gains.get(name, 0.0), -most[name]))
+        tables = [
+            PageTable(
+                head,
+                [
+                    [name, f'{most[name]:.3f}', f'{100.0 * use.gains.get(name, 0.0):.2f} %']
+                    for name in used
+                ],
+            )
+        ]
+    return PageSection('Torque', text, figures, tables=tables)
+
+
+def _binding(plan: Plan, use: LimitUse) -> list[Curve]:
+    """Return the strip: the largest share in grey, and a colour for each limit where it binds."""
+    largest = use.shares.max(axis=1)
+    curves = [Curve('largest share', DIFFERENCE_COLOUR, plan.t, largest)]
+    binds = np.array(use.binding())
+    often = sorted({name for name in binds if name}, key=lambda name: -(binds == name).sum())
+    for name, colour in zip(often, PHASE_COLOURS, strict=False):
+        curves.append(Curve(name, colour, plan.t, np.where(binds == name, largest, np.nan)))
+    return curves
 
 
 def _models(found: PlanComparison) -> PageSection:

@@ -98,7 +98,8 @@ class _Judge:
 
     def __init__(self, robot: Robot, plan: Plan, motion: tuple[Array, Array], frame: str) -> None:
         self._plan, self.frame = plan, frame
-        times = motion[0][0] + plan.stretch * (motion[0] - motion[0][0])
+        motion = _retimed(plan, motion)
+        times = motion[0]
         self._first, self._last = float(times[0]), float(times[-1])
         self._spline = rest_spline(times, motion[1])
         self._motion = AskedMotion(robot, times - self._first, motion[1])
@@ -153,6 +154,18 @@ class _Judge:
         at, places = self._wanted
         spline = rest_spline(at, places)
         return np.asarray(spline(np.clip(times, at[0], at[-1])), dtype=np.float64)
+
+
+def _retimed(plan: Plan, motion: tuple[Array, Array]) -> tuple[Array, Array]:
+    """Return the motion that was asked for with the timing that the plan has."""
+    times, joints = motion
+    if plan.passed is None:
+        return times[0] + plan.stretch * (times - times[0]), joints
+    inside = (plan.t >= plan.t[0] + plan.preaction) & (plan.t <= plan.t[-1] - plan.postaction)
+    passed, at = plan.passed[inside], plan.t[inside]
+    even = np.linspace(at[0], at[-1], ROWS)
+    where = times[0] + np.interp(even, at, passed)
+    return even, np.asarray(rest_spline(times, joints)(np.clip(where, times[0], times[-1])))
 
 
 def _lowest(robot: Robot, q: Array) -> float:

@@ -311,10 +311,6 @@ def require_finite(what: str, values: Array) -> None:
         raise InputError('non_finite', f'{what} must be finite, got {wrong[0]}')
 
 
-# numbers of each joint in a command of position, velocity, gains and torque at once
-IMPEDANCE = ('position', 'velocity', 'stiffness', 'damping', 'effort')
-
-
 class CommandReader:
     """Reads Float64MultiArray commands whose `layout.dim[0].label` names the joints.
 

@@ -169,6 +169,10 @@ def _bending(robot: Robot, names: Sequence[str]) -> list[tuple[str, int]]:
     found = []
     for place, name in enumerate(names):
         link, _, component = name.rpartition('/')
+        if link not in beams:  # component modes: displacements of its farthest frame
+            if component in ('ux', 'uy', 'uz'):
+                found.append((name, place))
+            continue
         modes = dict(zip(('uy', 'uz', 'rx'), beams[link].modes, strict=True))
         if modes.get(component):
             found.append((name, place))

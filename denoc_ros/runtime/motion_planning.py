@@ -16,6 +16,7 @@ from denoc_ros.control.ringing import require_flexible
 from denoc_ros.control.servo import joint_servo
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import StateError
+from denoc_ros.model.overrides import FAMILIES
 from denoc_ros.runtime.input_error import InputError
 from denoc_ros.runtime.motion_samples import RequestedMotion
 from denoc_ros.runtime.parameters import Settings
@@ -25,7 +26,8 @@ from denoc_ros.types import Array
 
 LOADING = 300.0  # s: a cold kernel cache compiles on a slow machine
 LOOK = 0.01  # s between looks for an answer that is waited for
-LIMITS = ('velocity', 'acceleration', 'jerk', 'effort')
+FASTEST = ('tip', 'rest_to_rest')
+LIMITS = ('velocity', 'acceleration', 'jerk', 'effort', 'effort_rate')
 
 
 class MotionPlanning:
@@ -143,10 +145,11 @@ def shape_job(settings: Settings, robot: dict[str, Any], joints: Sequence[str]) 
     limits = given_limits(settings, joints)
     options: dict[str, Any] = {'output_step': settings.number('output_step')}
     if method == 'tip':
-        options.update({what: limit for what, limit in limits.items() if what != 'jerk'})
-        options['joints'] = list(joints)
+        options.update(limits, joints=list(joints))
     else:
         options.update(limits, modes=settings.integer('modes') or None)
+    if settings.flag('fastest') and method in FASTEST:
+        options.update(time='minimum', margin=settings.number('margin'))
     if method == 'rest_to_rest':
         options['robustness'] = settings.number('robustness')
     if method in OF_STREAMS and settings.text('mode_table'):
@@ -170,7 +173,7 @@ def robot_job(settings: Settings, description: str) -> dict[str, Any]:
         'source': settings.text('urdf_path') or description,
         'gravity': settings.numbers('gravity'),
         'geometric_stiffness': settings.flag('geometric_stiffness'),
-        'overrides': settings.family('beam', 'joint', 'payload', 'sensor', 'damping'),
+        'overrides': settings.family(*FAMILIES),
     }
 
 

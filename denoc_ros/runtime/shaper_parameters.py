@@ -38,6 +38,24 @@ TABLE = ParameterTable(
             live=True,
         ),
         Parameter(
+            'fastest',
+            Kind.BOOL,
+            False,
+            'with `method: tip` or `rest_to_rest`: the timing is free, each motion takes the '
+            'least time within the limits',
+            live=True,
+        ),
+        Parameter(
+            'margin',
+            Kind.DOUBLE,
+            0.0,
+            'share of every limit but positions that `fastest` keeps free',
+            '',
+            0.0,
+            0.9,
+            live=True,
+        ),
+        Parameter(
             'tip',
             Kind.STRING,
             '',
@@ -97,6 +115,7 @@ TABLE = ParameterTable(
                 ('acceleration', 'rad/s^2, m/s^2', 'no limit'),
                 ('jerk', 'rad/s^3, m/s^3', 'no limit'),
                 ('effort', 'N m, N', "the URDF's"),
+                ('effort_rate', 'N m/s, N/s', 'no limit'),
             )
         ),
         Parameter(

@@ -121,6 +121,7 @@ class ModalRobot:
         self.hold()
         self.free(zero)
         self.controlled(zero)
+        self.sensor_values()
         if self.robot.tree.inertial_sensors:
             self.inertial_values()
         self.place()
@@ -156,6 +157,8 @@ class ModalRobot:
         np.dot(self._rows, self.q, out=self._values)
         for place, axis, section, own in self._composed:
             self._values[place] = section.deflection(self.q[own])[axis]
+        if len(self._values):
+            self._values += self.robot.beyond_shapes(self.q, self.qd, self.qdd)
         return self._values
 
     def inertial_values(self) -> Array:

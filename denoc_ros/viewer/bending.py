@@ -15,9 +15,10 @@ from denoc_ros.dynamics.structure import whole_beam
 from denoc_ros.errors import StateError
 from denoc_ros.kernels.closing import OPEN
 from denoc_ros.model.segments import whole_beams
+from denoc_ros.model.tree import Body
 from denoc_ros.types import Array
 from denoc_ros.viewer.cutting import cut_along
-from denoc_ros.viewer.outline import Colour, LinkSurface, outlines
+from denoc_ros.viewer.outline import STEEL, Colour, LinkSurface, outlines
 
 SAME = 1e-9  # of the beam's length: stations that are one
 STEPS = 8  # of Gauss-Newton, each of which squares the error
@@ -132,6 +133,50 @@ class BentLink:
         return np.asarray(np.sum(self._strain * own, axis=1))
 
 
+class MeshedLink:
+    """The surface of a link reduced from finite elements, as its file has it.
+
+    Parameters
+    ----------
+    robot : Robot
+    body : Body
+        With component modes whose file has a surface.
+    colour : of the undeformed surface
+
+    Attributes
+    ----------
+    link, outline, vertices, faces, colour
+        As :class:`BentLink`.
+
+    Notes
+    -----
+    The strain is the principal one that is largest in size; without strains in the file it is 0.
+    """
+
+    def __init__(self, robot: Robot, body: Body, colour: Colour) -> None:
+        assert body.modes is not None
+        assert body.modes.link.surface is not None
+        self._surface = body.modes.link.surface
+        self.link, self.colour, self.faces = body.name, colour, self._surface.faces
+        self.vertices = len(self._surface.nodes)
+        self.outline = LinkSurface(body.name, self._surface.nodes, self.faces, colour)
+        self._own = robot.amplitudes(body.name)
+
+    def place(self, pose: Array, q: Array) -> Array:
+        """Return the vertices (v, 3) [m, base frame]; pose (4, 4): of the link frame."""
+        moved = self._surface.nodes + self._surface.phi @ q[self._own]
+        return np.asarray(moved @ pose[:3, :3].T + pose[:3, 3])
+
+    def strain(self, q: Array) -> Array:
+        """Return the strain (v,) [-] of the vertices, positive where stretched."""
+        if not len(self._surface.strain):
+            return np.zeros(self.vertices)
+        xx, yy, zz, yz, xz, xy = (self._surface.strain @ q[self._own]).T
+        tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]).transpose(2, 0, 1)
+        principal = np.linalg.eigvalsh(tensor)
+        return np.where(-principal[:, 0] > principal[:, 2], principal[:, 0], principal[:, 2])
+
+
 @dataclass(frozen=True)
 class Shape:
     """A robot as drawn at an instant.
@@ -161,7 +206,7 @@ class Bending:
     Attributes
     ----------
     rigid : tuple of LinkSurface
-    flexible : tuple of BentLink
+    flexible : tuple of BentLink or MeshedLink
     links : tuple of str
         All that are drawn.
     """
@@ -169,9 +214,16 @@ class Bending:
     def __init__(self, robot: Robot, folder: Path | None = None) -> None:
         self._robot = robot
         bends = {beam.link for beam in whole_beams(robot.tree)}
+        meshed = {body.name: body for body in robot.tree.bodies if _has_surface(body)}
         drawn = outlines(robot, folder)
-        self.rigid = tuple(outline for outline in drawn if outline.link not in bends)
-        self.flexible = tuple(BentLink(robot, o) for o in drawn if o.link in bends)
+        colours = {outline.link: outline.colour for outline in drawn}
+        still = [outline for outline in drawn if outline.link not in bends | meshed.keys()]
+        self.rigid = tuple(still)
+        beams = [BentLink(robot, o) for o in drawn if o.link in bends]
+        meshes = [
+            MeshedLink(robot, body, colours.get(link, STEEL)) for link, body in meshed.items()
+        ]
+        self.flexible: tuple[BentLink | MeshedLink, ...] = (*beams, *meshes)
         self.links = tuple(dict.fromkeys(outline.link for outline in drawn))
 
     def poses(self, q: Array) -> dict[str, Array]:
@@ -189,6 +241,10 @@ class Bending:
     def strains(self, q: Array) -> tuple[Array, ...]:
         """Return the bending strains (v,) of the vertices of `flexible` at coordinates (n,)."""
         return tuple(part.strain(q) for part in self.flexible)
+
+
+def _has_surface(body: Body) -> bool:
+    return body.modes is not None and body.modes.link.surface is not None
 
 
 def strain_colours(strain: Array, limit: float) -> NDArray[np.uint8]:

@@ -114,6 +114,9 @@ def _sizes(robot: Robot) -> Array:
     sizes = np.full(robot.n, turns)
     for body in robot.tree.bodies:
         if is_flexible(body):
+            if body.modes is not None:
+                sizes[robot.amplitudes(body.name)] = SWING * body.spans
+                continue
             assert body.beam is not None
             first = robot.amplitudes(body.name).start
             sizes[first : first + sum(body.beam.modes[:2])] = slides

@@ -175,8 +175,7 @@ def _substitute(robot: Robot, root: Any, link: str) -> list[LinkSurface]:
     import trimesh
 
     for body in robot.tree.bodies:
-        if body.name == link and is_flexible(body):
-            assert body.beam is not None
+        if body.name == link and is_flexible(body) and body.beam is not None:
             length = body.beam.whole_length
             box = trimesh.creation.box(extents=(length, *[length / SLENDERNESS] * 2))
             box.apply_translation((length / 2.0, 0.0, 0.0))

@@ -153,7 +153,7 @@ class Page:
                 self._check(moment)
                 self._view.draw(moment, self._controls.look)
                 recorder.insert_sleep(1.0 / fps)
-            return recorder.as_html()
+            return str(recorder.as_html())
 
     def pose(self, joints: Mapping[str, float] | None = None) -> None:
         """Offer sliders for the joints, at first at positions given by name [rad, m], or zero.

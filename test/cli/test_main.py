@@ -37,6 +37,12 @@ def raising(error: BaseException) -> Callable[[argparse.Namespace], int]:
         (ConfigError('a.yaml', ['x', 'y']), 1, 'denoc check: a.yaml: x\ndenoc check: a.yaml: y\n'),
         (FileNotFoundError(2, 'No such file', 'a.urdf'), 1, 'denoc check: a.urdf: No such file\n'),
         (KeyboardInterrupt(), 130, 'denoc check: interrupted\n'),
+        (
+            SystemError('error return without exception set'),  # of a library out of memory
+            1,
+            'denoc check: memory must be enough for what was asked, got: error return without '
+            'exception set\n',
+        ),
     ],
 )
 def test_errors_become_a_message_and_a_status(
@@ -97,3 +103,21 @@ def test_closed_pipe_is_quiet() -> None:
     command = f'{sys.executable} -m denoc_ros.cli.main --help | head -0; exit ${{PIPESTATUS[0]}}'
     run = subprocess.run(['bash', '-c', command], capture_output=True, text=True, timeout=60)
     assert 'Traceback' not in run.stderr
+
+
+@pytest.mark.parametrize(
+    ('verb', 'robot', 'lacks'),
+    [('up', 'config/tip.yaml', 'rclpy'), ('view', 'config/robots/canadarm.urdf', 'viser')],
+)
+def test_a_verb_whose_extra_is_missing_says_which(
+    repository: Path, verb: str, robot: str, lacks: str
+) -> None:
+    code = (
+        f'import sys; sys.modules[{lacks!r}] = None; from denoc_ros.cli.main import main; '
+        f'sys.exit(main([{verb!r}, {robot!r}]))'
+    )
+    run = subprocess.run(
+        [sys.executable, '-c', code], cwd=repository, capture_output=True, text=True, timeout=120
+    )
+    assert run.returncode == 1
+    assert run.stderr.startswith(f'denoc {verb}: {lacks} must be importable, got')

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import nullcontext
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,12 @@ from numpy.typing import NDArray
 import denoc_ros as dn
 from denoc_ros.bags.writer import BagWriter
 from denoc_ros.cli.config import SessionConfig, load_config
-from denoc_ros.cli.shaped_phases import motion_of, plans_of, started_on_the_plan
+from denoc_ros.cli.shaped_phases import (
+    asked_at_pace,
+    motion_of,
+    plans_of,
+    started_on_the_plan,
+)
 from denoc_ros.control.plan import Plan
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import ConfigError
@@ -45,6 +51,22 @@ def session(folder: Path, method: str) -> tuple[SessionConfig, Plan, Robot, Traj
     plans = plans_of(config, robot, trajectory, JOINTS, lambda _: nullcontext())
     assert list(plans) == ['shaped']
     return config, plans['shaped'], robot, trajectory
+
+
+def test_what_was_asked_for_keeps_the_pace_of_the_plan(tmp_path: Path) -> None:
+    """A tip that is on its path later than asked for, because of a limit, is on its path."""
+    _, plan, _, trajectory = session(tmp_path, 'tip')
+    assert asked_at_pace(trajectory, plan, JOINTS) is trajectory
+    t = 2.0 * plan.t
+    slower = replace(plan, t=t, stretch=2.0)
+    timed = replace(slower, passed=np.clip(plan.t, 0.0, trajectory.duration))
+    for paced in (slower, timed):
+        asked = asked_at_pace(trajectory, paced, JOINTS)
+        here, there, rate, acceleration = np.zeros((4, 2))
+        for moment in np.linspace(0.0, trajectory.duration, 7):
+            asked.sample(2.0 * moment, here, rate, acceleration)
+            trajectory.sample(moment, there, rate, acceleration)
+            np.testing.assert_allclose(here, there, rtol=0, atol=1e-5)
 
 
 def test_a_phase_follows_the_plan_of_its_reference(tmp_path: Path) -> None:

@@ -50,7 +50,7 @@ def head_motion(t: Array, axes: Any, along: Array) -> Array:
     damping, stiffness = (2.0 * zeta * rate).tolist(), (rate**2).tolist()
 
     def slope(k: int, u: float, v: float) -> float:
-        return float(push[k]) - damping[k] * v - stiffness[k] * u
+        return float(push[k] - damping[k] * v - stiffness[k] * u)
 
     u = v = 0.0
     felt = np.empty(len(t))
@@ -114,8 +114,7 @@ def test_an_accelerometer_at_five_postures_stills_a_gantry_whose_beams_nobody_kn
     q = START + (END - START) * cycloid(t, DURATION)[:, None]
     plain = gantry_swing(held_spline(t, q), DURATION)
     left = {}
-    first = ModeTable(table.joints, *(each[:1] for each in (
-        table.positions, table.frequencies, table.ratios)))  # fmt: skip
+    first = ModeTable(table.joints, table.positions[:1], table.frequencies[:1], table.ratios[:1])
     for name, given in (('all', str(measured)), ('first posture', first)):
         plan = dn.shape_motion(gantry, t, q, 'zv', mode_table=given, output_step=0.001)
         left[name] = gantry_swing(held_spline(plan.t, plan.q), float(plan.t[-1])) / plain

@@ -168,7 +168,10 @@ def test_rows_are_those_of_single_states(robot: Robot) -> None:
         ('payload.{link}.inertia', r'must be one that the robot has \(payload\.'),
         ('link.{link}.inertia.ixq', r'must be one that the robot has \(link\.'),
         ('joint.nothing.damping', r'must be one that the robot has \(joint\.'),
-        ('sensor.gauge.gain', 'must start with one of beam., joint., payload., link., damping.'),
+        (
+            'sensor.gauge.gain',
+            'must start with one of beam., flexible., joint., payload., link., damping.',
+        ),
     ],
 )
 def test_paths_that_torque_is_not_linear_in_are_refused(

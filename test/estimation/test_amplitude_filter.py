@@ -70,7 +70,7 @@ def test_values_one_by_one_correct_as_all_at_once() -> None:
     seen = wide @ before @ wide.T + np.diag(noise**2)
     gain = before @ wide.T @ np.linalg.inv(seen)
     expected += gain @ (values - wide @ state)
-    taken = covariance.correct(rows, noise, values, np.inf, state, lag)
+    taken = covariance.correct_rows(wide, noise, values, np.inf, state)
     assert taken.all()
     # rounding, as the condition of `seen` lets it grow
     np.testing.assert_allclose(state, expected, rtol=1e-7, atol=1e-12)
@@ -83,26 +83,26 @@ def test_values_one_by_one_correct_as_all_at_once() -> None:
 def test_value_beyond_the_gate_changes_nothing() -> None:
     covariance = made()
     m = covariance.covariance.shape[0] // 3
-    row, noise = np.eye(1, m), np.array([1e-4])
+    row, noise = np.eye(1, 3 * m), np.array([1e-4])
     before, state = covariance.covariance.copy(), np.zeros(3 * m)
     deviation = float(np.hypot(np.sqrt(before[0, 0]), noise[0]))
-    taken = covariance.correct(row, noise, np.array([5.1 * deviation]), 5.0, state, 0.0)
+    taken = covariance.correct_rows(row, noise, np.array([5.1 * deviation]), 5.0, state)
     assert not taken.any()
     assert not state.any()
     np.testing.assert_array_equal(covariance.covariance, before)
-    assert covariance.correct(row, noise, np.array([4.9 * deviation]), 5.0, state, 0.0).all()
+    assert covariance.correct_rows(row, noise, np.array([4.9 * deviation]), 5.0, state).all()
 
 
 def test_covariance_stays_symmetric_and_positive() -> None:
     covariance = made()
     m = covariance.covariance.shape[0] // 3
-    row, noise = np.zeros((1, m)), np.array([1e-5])
+    row, noise = np.zeros((1, 3 * m)), np.array([1e-5])
     row[0, :2] = 1.0, -2.0
-    covariance.set_floor(row, noise)
+    covariance.set_floor(row[:, :m], noise)
     state = np.zeros(3 * m)
     for _ in range(20000):
         covariance.predict(state[:m], state[m : 2 * m])
-        covariance.correct(row, noise, np.zeros(1), 5.0, state, 0.0)
+        covariance.correct_rows(row, noise, np.zeros(1), 5.0, state)
     found = covariance.covariance
     scale = np.sqrt(np.diag(found))
     correlation = found / np.outer(scale, scale)

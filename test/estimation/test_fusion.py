@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import pytest
 from gauge_runs import (
-    CLAMPED_FREE,
     ROBOTS,
     STEP,
     errors,
@@ -127,17 +126,16 @@ def test_order_of_arrival_hardly_matters() -> None:
         mixed.tick(run.t[begin + 4])
     assert mixed.fusion is not None
     again = mixed.deflections.evaluate(mixed.q, mixed.qd)[0]
-    # corrections are carried over 4 ms linearly; the model is not quite: 1e-7 of 14 mm
-    np.testing.assert_allclose(again, once, atol=1e-8)
+    # corrections are carried over 4 ms linearly, which the model is not quite; what gauges read of
+    # the beams' inertia is that of the newest state: 3e-5 of 14 mm
+    np.testing.assert_allclose(again, once, atol=1e-6)
 
 
 def test_gauges_that_are_behind_others_are_worth_little_less() -> None:
-    # on the shipped arm's craig-bampton shapes the outer root's gauge would be refused for a
-    # quarter of the time: its amplitudes of then are led there by their rates alone
-    data, ticks = record(CLAMPED_FREE, False), 1000
-    prompt, behind = observer(CLAMPED_FREE, data), observer(CLAMPED_FREE, data)
+    data, ticks = record('canadarm', False), 1000
+    prompt, behind = observer('canadarm', data), observer('canadarm', data)
     once, run, joints = replay(prompt, data, ticks=ticks)[-1], data.run, joints_of(behind)
-    # one is 5 ms behind the other, and corrects the covariance of then
+    # one is 5 ms behind the other, which waits for it: fast modes turn by more than half in that
     for k in range(ticks):
         behind.measure(run.t[k], run.q[k, joints], run.qd[k, joints])
         for place, row in enumerate((k - 5, k, k - 5, k)):
@@ -145,7 +143,9 @@ def test_gauges_that_are_behind_others_are_worth_little_less() -> None:
                 behind.sense(place, run.t[row], float(data.gauges[row, place]))
         behind.tick(run.t[k])
     again = behind.deflections.evaluate(behind.q, behind.qd)[0]
-    # what is fused less well is worth less than half the noise, 1 % of the peaks
+    assert behind.fusion is not None
+    assert sum(behind.fusion.counts, Counter())['outlier'] == 0
+    # what is fused later is worth less than half the noise, 1 % of the peaks
     peak = np.abs(data.deflection).max(axis=0)
     assert (np.abs(again - once)[[1, 7]] / peak[[1, 7]]).max() < 0.005
 
@@ -194,12 +194,12 @@ def test_lasting_jump_is_believed_after_patience() -> None:
 
 def test_values_dated_by_their_arrival_are_no_outliers() -> None:
     """A Float64 has no stamp, and within a millisecond it changes by more than its noise."""
-    gauge = (
-        '<sensor name="root" type="strain_gauge" link="link_1" station="0.05" direction="y"'
-        ' surface="0.01" noise="2e-6"/>'
+    dial = (
+        '<sensor name="tip" type="deflection" link="link_1" station="1" direction="y"'
+        ' noise="6e-5"/>'
     )
     arm = planar_chain(
-        (PlanarLink(1.0, 2.0, 60.0), PlanarLink(0.8, 1.0)), 1, damping_ratio=0.02, sensors=gauge
+        (PlanarLink(1.0, 2.0, 60.0), PlanarLink(0.8, 1.0)), 1, damping_ratio=0.02, sensors=dial
     )
     robot = dn.load_robot(arm, gravity=(0.0, -9.81, 0.0))
     start, still = robot.static_deflection([0.0, 0.0]), np.zeros(robot.n)
@@ -208,8 +208,8 @@ def test_values_dated_by_their_arrival_are_no_outliers() -> None:
         lambda t: (0.2 * (1 - np.cos(4 * t)), 0.8 * np.sin(4 * t), 3.2 * np.cos(4 * t)),
     )
     run = dn.simulate(robot, start, still, np.linspace(0.0, 1.5, 301), prescribed=swing, rtol=1e-7)
-    strain, joints = robot.sensor_values(run.q)[:, 0], robot.joint_indices
-    late = np.random.default_rng(5).uniform(0.005, 0.010, len(strain))
+    seen, joints = robot.sensor_values(run.q)[:, 0], robot.joint_indices
+    late = np.random.default_rng(5).uniform(0.005, 0.010, len(seen))
     bent = run.q[:, robot.flexible_indices[0]]
     share, error = {}, {}
     for timing_error in (0.0, FusionSettings().timing_error):
@@ -221,7 +221,7 @@ def test_values_dated_by_their_arrival_are_no_outliers() -> None:
         off = []
         for k, t in enumerate(run.t):
             found.measure(t, run.q[k, joints], run.qd[k, joints])
-            found.sense(0, t + late[k], float(strain[k]))
+            found.sense(0, t + late[k], float(seen[k]))
             found.tick(t)
             off.append(abs(found.q[robot.flexible_indices[0]] - bent[k]))
         assert found.fusion is not None

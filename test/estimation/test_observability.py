@@ -40,7 +40,7 @@ def arm(sensors: str, modes: int = 1) -> Robot:
 def shown(robot: Robot, q: Array, qd: Array, qdd: Array) -> Array:
     """How the values differ from those of the straight link at rest, per amplitude."""
     zero = np.zeros(robot.n)
-    return (robot.sensor_values(q, qd, qdd) - robot.sensor_values(zero)) / 1e-6
+    return (robot.sensor_values(q, qd, qdd) - robot.sensor_values(zero, zero, zero)) / 1e-6
 
 
 def test_a_mode_is_told_by_how_it_shows_in_a_vibration() -> None:

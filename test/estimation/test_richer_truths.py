@@ -80,12 +80,11 @@ def test_joints_alone_predict_deflection_and_slope_of_a_richer_beam() -> None:
     assert off(False)[0].max() < 0.004  # 0.17 % of the peak; two clamped-free shapes: 14 %
 
 
-def test_gauges_that_the_model_explains_less_well_cost_little() -> None:
+def test_gauges_with_noise_find_a_richer_beam_within_a_percent() -> None:
     largest, rms = off(True)
-    # noise of 1 % of the peaks, and rows that are 3 % off on the second link
-    assert rms.max() < 0.01
-    assert largest[[0, 1, 2]].max() < 0.01
-    assert largest[3] < 0.025  # 1.7 %
+    # 0.64 and 0.17 %, with noise of 1 % of the peaks; by the shapes' curvature 1.7 and 0.54 %
+    assert largest.max() < 0.01
+    assert rms.max() < 0.003
 
 
 def test_strain_under_a_force_or_a_moment_at_the_tip_is_that_of_64_segments() -> None:
@@ -101,14 +100,20 @@ def test_strain_under_a_force_or_a_moment_at_the_tip_is_that_of_64_segments() ->
         np.testing.assert_allclose(strain[0], strain[1], rtol=share)
 
 
-@pytest.mark.parametrize(('modes', 'share'), [(2, (0.02, 0.04)), (3, (0.01, 0.01))])
-def test_strain_in_motion_is_that_of_segments(modes: int, share: tuple[float, float]) -> None:
-    """Inertia along the beam bends it by a moment that is not linear: the second shape's work."""
+@pytest.mark.parametrize('modes', [2, 3])
+def test_strain_in_motion_is_that_of_segments(modes: int) -> None:
+    """Inertia along the beam bends it by a moment that is not linear along it."""
     data, robot = truth(), divided(1, modes)
     robot.set_payload('tool', PAYLOAD)
     zero, times = np.zeros(robot.n), data.run.t[::20]
     run = dn.simulate(robot, zero, zero, times, prescribed=driven(robot), rtol=1e-6, atol=1e-8)
     true = data.run.q[::20] @ sensor_rows(divided(8)).T
-    found = np.abs(run.q @ sensor_rows(robot).T - true).max(axis=0) / np.abs(true).max(axis=0)
-    assert found[:2].max() < share[0]
-    assert found[2:].max() < share[1]
+    accelerations = np.gradient(run.qd, times, axis=0)
+    found = robot.sensor_values(run.q, run.qd, accelerations)
+    by_shapes, by_moments = (
+        np.abs(values - true).max(axis=0) / np.abs(true).max(axis=0)
+        for values in (run.q @ sensor_rows(robot).T, found)
+    )
+    assert by_moments.max() < 0.003
+    if modes == 2:
+        assert by_shapes[2:].min() > 5.0 * by_moments[2:].max()

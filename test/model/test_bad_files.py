@@ -247,7 +247,7 @@ SENSORS = [
     (
         'type="strain_gauge" link="upper_arm"',
         'type="strain_gauge" link="tool"',
-        "sensor 'gauge': link must be a link with a <beam>, got 'tool'",
+        "sensor 'gauge': link must be a link with a <beam> or a <flexible>, got 'tool'",
     ),
     ('station="0.05"', 'station="-1"', 'station must be >= 0 m, got -1'),
     ('station="0.05" direction="y"', 'station="0.05"', 'direction must be one of y, z'),

@@ -22,7 +22,7 @@ CLASSES = {
 }
 # with these a node has every topic that it can have
 EVERYTHING: dict[str, dict[str, Any]] = {
-    'feedforward': {'publish_joint_trajectory': True},
+    'feedforward': {'publish_joint_trajectory': True, 'impedance.stiffness': [1.0]},
     'predictor': {
         'source': 'torque',
         'effort_source': 'commanded',

@@ -246,7 +246,7 @@ def test_sensors_send_raw_values_of_the_true_state(graph: Any, plant: Any, urdf:
     graph.until(lambda: min(map(len, (modal, strain, loads, named, deflection))) > 5)
     robot = load_robot(urdf, gravity=GRAVITY)
     q = np.array(modal[0].position)  # braked and in equilibrium: the same ever after
-    gauge, moment, bend = robot.sensor_values(q)
+    gauge, moment, bend = robot.sensor_values(q, np.zeros(robot.n), np.zeros(robot.n))
     assert abs(gauge) > 1e-5
     assert strain[0].data == pytest.approx((gauge - 1.0e-5) / 2.0e-6, rel=1e-9)
     assert list(loads[0].data) == pytest.approx([0.0, moment / 0.5], rel=1e-9)

@@ -191,7 +191,7 @@ def test_residual_of_a_sensor_is_measured_minus_predicted_and_can_be_tared(
     raw = graph.probe.create_publisher(Float64, '/strain/root', 10)
     graph.until(lambda: raw.get_subscription_count() > 0)
     robot = dn.load_robot(robot_file, gravity=DOWN)
-    strain = float(robot.sensor_values(run.q[0])[0])
+    strain = float(robot.sensor_values(run.q[0], 0 * run.q[0], 0 * run.q[0])[0])
     excess = 3e-5
 
     def feed() -> bool:
@@ -221,15 +221,21 @@ def test_residual_of_a_sensor_is_measured_minus_predicted_and_can_be_tared(
     assert abs(residuals[-1].position[0]) < 1e-7
 
 
-@pytest.mark.parametrize(('strain', 'least', 'most'), [('fuse', 0.0, 0.01), ('ignore', 0.2, 0.5)])
+@pytest.mark.parametrize(('strain', 'least', 'most'), [('fuse', 0.0, 0.04), ('ignore', 0.2, 0.5)])
 def test_a_gauge_mends_a_model_that_is_too_soft(
     graph: Any, robot_file: Path, run: Run, strain: str, least: float, most: float
 ) -> None:
-    """Tick by tick: how late the machine takes a value in is not what is tested here."""
+    """Tick by tick: how late the machine takes a value in is not what is tested here.
+
+    Of strain a quarter is the beam's own inertia, which one shape does not have; a model that is
+    10 % too soft takes that part as 10 % too large: 2.6 %.
+    """
     soft = {'beam.link_1.y.ei': 45.0, 'sensor.root.noise': 2e-6}
     node = begun(add(graph, robot_file, start=False, strain=strain, parameters=soft))
     joints = [run.coordinate_names.index(name) for name in ('joint_1', 'joint_2')]
-    strains = dn.load_robot(robot_file, gravity=DOWN).sensor_values(run.q)[:, 0]
+    accelerations = np.gradient(run.qd, run.t, axis=0)
+    robot = dn.load_robot(robot_file, gravity=DOWN)
+    strains = robot.sensor_values(run.q, run.qd, accelerations)[:, 0]
     bent, explained = np.zeros((2, len(run.t)))
     for row, t in enumerate(run.t):
         node._queue.append((t, run.q[row, joints], run.qd[row, joints], None))

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 import denoc_ros as dn
 from denoc_ros.dynamics.deflection import TipDeflections
-from denoc_ros.dynamics.structure import sensor_rows
 from denoc_ros.estimation.fusion import FusionSettings
 from denoc_ros.estimation.observer import Observer
 from denoc_ros.estimation.observer_settings import ObserverSettings
@@ -96,7 +95,11 @@ def record(name: str, known: bool) -> Recording:
     times = np.arange(0.0, END, STEP)
     zero = np.zeros(robot.n)
     run = dn.simulate(robot, zero, zero, times, prescribed=laws, rtol=1e-6, atol=1e-8)
-    strain = run.q @ sensor_rows(robot).T
+    accelerations = np.empty_like(run.q)
+    accelerations[:, robot.joint_indices] = [wanted(t)[2] for t in times]
+    given = accelerations[:, robot.joint_indices]
+    accelerations[:, robot.flexible_indices] = robot.hybrid_dynamics(run.q, run.qd, given)[1]
+    strain = robot.sensor_values(run.q, run.qd, accelerations)
     noise = 0.01 * np.abs(strain).max(axis=0)
     gauges = strain + noise * np.random.default_rng(SEED).standard_normal(strain.shape)
     tips = TipDeflections(robot)

@@ -54,7 +54,8 @@ def _require_described(tree: html.HtmlElement) -> None:
     assert tree.findtext('.//title')
     assert len(tree.xpath('//h1')) == 1
     for figure in tree.xpath('//figure'):
-        assert figure.findtext('figcaption')
+        (caption,) = figure.xpath('./figcaption')
+        assert caption.text_content()
         (svg,) = figure.xpath('./svg')
         assert svg.get('role') == 'img'
         assert svg.get('aria-label')

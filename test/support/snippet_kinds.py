@@ -20,6 +20,7 @@ from pages import Snippet
 from denoc_ros.cli.config import NODES, find_file, load_config
 from denoc_ros.cli.main import build_parser, main
 from denoc_ros.cli.scenario_runs import prepare
+from denoc_ros.control.mode_table import read_mode_table
 from denoc_ros.model.dh.system import load_system
 from denoc_ros.model.urdf import load_tree
 from denoc_ros.simulation.scenario import KEYS as SCENARIO_KEYS
@@ -199,6 +200,8 @@ def check_yaml(snippet: Snippet, folder: Path) -> None:
             prepare(folder / snippet.directive['robot'], values, snippet.where)
     elif keys & {'chains', 'dh', 'links'}:
         load_system(str(file), None, None)
+    elif keys == {'joints', 'postures'}:
+        read_mode_table(file)
     else:
         raise AssertionError(f'{snippet.where}: nothing reads a file with {sorted(keys)}')
 

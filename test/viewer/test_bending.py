@@ -15,7 +15,7 @@ from yourdfpy import URDF
 import denoc_ros as dn
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.rotations import rotations
-from denoc_ros.viewer.bending import Bending, exaggerated, strain_colours
+from denoc_ros.viewer.bending import Bending, BentLink, exaggerated, strain_colours
 from denoc_ros.viewer.cutting import cut_along
 from denoc_ros.viewer.outline import outlines
 
@@ -80,6 +80,7 @@ def test_tip_vertices_move_with_the_tip_frame(repository: Path, scale: float) ->
         after = robot.frame_pose(child, q)
         (index,) = [k for k, part in enumerate(bending.flexible) if part.link == link]
         part = bending.flexible[index]
+        assert isinstance(part, BentLink)
         length = part.stations.max()
         undeformed = bending.at(still).surfaces[index]
         root = robot.frame_pose(link, still)
@@ -114,6 +115,7 @@ def test_strain_is_surface_times_curvature(repository: Path) -> None:
     still = state(robot, 3, 0.0)
     h = 1e-3  # m; differences of second order are off by h^2 s'''' / 12, about 1e-7 here
     for index, part in enumerate(bending.flexible):
+        assert isinstance(part, BentLink)
         frame = robot.frame_pose(part.link, still)
         local = (bending.at(still).surfaces[index] - frame[:3, 3]) @ frame[:3, :3]
         strain = bending.strains(q)[index]

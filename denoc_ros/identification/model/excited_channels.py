@@ -101,7 +101,7 @@ class Along:
             torque, qdd[:, self._free] = robot.hybrid_dynamics(q, qd, every.qdd)
         else:
             torque = robot.inverse_dynamics(q, qd, qdd)[:, robot.joint_indices]
-        values = robot.beam_sensor_values(q)
+        values = robot.beam_sensor_values(q, qd, qdd)
         for k, sensor in enumerate(robot.tree.sensors):
             values[:, k] = (values[:, k] - sensor.offset) / sensor.gain
         tips = [np.hypot(*tip.deflection(q[:, own])[:, 1:3].T) for tip, own in self._tips]

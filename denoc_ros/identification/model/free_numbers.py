@@ -121,6 +121,8 @@ def _of_model(
     name, _, term = rest.rpartition('.')
     if kind == 'beam':
         return [_positive(path, value, 0.0 if term in ('ei', 'gj') else SMALL_RATIO)]
+    if kind == 'flexible':
+        return [_positive(path, value, 0.0 if term == 'stiffness' else SMALL_RATIO)]
     if kind == 'joint' and term == 'stiffness':
         return [Number(path, value, 0.0, True)]
     if kind == 'joint' and (value > 0.0 or term in ('damping', 'friction', 'armature')):
@@ -142,6 +144,7 @@ def _payload_scale(robot: Robot) -> float:
     beams = [body.beam for body in robot.tree.bodies if body.beam is not None]
     mass = sum(body.inertia.mass for body in robot.tree.bodies)
     mass += sum(beam.mass_per_length * beam.length for beam in beams)
+    mass += sum(body.modes.link.mass for body in robot.tree.bodies if body.modes is not None)
     return min(1.0, PAYLOAD * mass) or 1.0
 
 

@@ -429,7 +429,7 @@ def _blocks(robot: Robot) -> list[InertialBlock]:
 
 
 def _is_possible(body: Body) -> bool:
-    if body.beam is not None or not body.inertia.mass > 0.0:
+    if body.beam is not None or body.modes is not None or not body.inertia.mass > 0.0:
         return False
     values = np.linalg.eigvalsh(pseudo_inertia(body.inertia, 1.0))
     return bool(values[0] >= -ROUNDING * values[-1])

@@ -20,7 +20,7 @@ from denoc_ros.model.inertia import total
 from denoc_ros.model.overrides import edited_description
 from denoc_ros.model.poses import number_text
 from denoc_ros.model.rigid_urdf import read_rigid_urdf
-from denoc_ros.model.source import parse_xml, written
+from denoc_ros.model.source import TEXT_NAME, parse_xml, read_source, written
 from denoc_ros.model.tree import RigidInertia
 from denoc_ros.model.urdf import tree_of
 
@@ -94,7 +94,9 @@ def applied_description(
     left = {p: v for p, v in found.overrides.items() if p.startswith('payload.')}
     text = edited_description(source, of_file)
     bodies = {name: change for name, change in found.bodies.items() if _is_told(found, name)}
-    return (_with_bodies(text, bodies) if bodies else text), left
+    where, _ = read_source(source)
+    folder = '' if where == TEXT_NAME else os.path.dirname(where)
+    return (_with_bodies(text, bodies, folder) if bodies else text), left
 
 
 def not_applied(found: IdentifiedModel) -> list[str]:
@@ -118,7 +120,7 @@ def _is_told(found: IdentifiedModel, body: str) -> bool:
     return all(verdict != NOT_TOLD for verdict in numbers)
 
 
-def _with_bodies(text: str, changes: Mapping[str, RigidInertia]) -> str:
+def _with_bodies(text: str, changes: Mapping[str, RigidInertia], folder: str) -> str:
     """Description with changed link inertias; bodies fixed to the links keep theirs."""
     root = parse_xml('description', text, whole=True)
     inertias = read_rigid_urdf(parse_xml('description', text), Findings(), []).links
@@ -127,7 +129,7 @@ def _with_bodies(text: str, changes: Mapping[str, RigidInertia]) -> str:
         if name in changes:
             _write_inertial(link, total(inertias[name] or RigidInertia(), changes[name]))
     edited = written(root, text)
-    tree_of(parse_xml('identified', edited), 'identified', edited)
+    tree_of(parse_xml('identified', edited), 'identified', edited, folder)
     return edited
 
 

@@ -130,7 +130,7 @@ class SensedChannels:
         """
         found: list[Array] = []
         if self._beams:
-            values = robot.beam_sensor_values(states[0])
+            values = robot.beam_sensor_values(*states)
             places = [sensor.name for sensor in robot.tree.sensors]
             for mine in self._beams:
                 place = places.index(mine.name)

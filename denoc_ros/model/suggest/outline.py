@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from denoc_ros.errors import ModelError
 from denoc_ros.model.findings import Element, Findings, Reader
 from denoc_ros.model.inertia import inverse_transform
-from denoc_ros.model.mesh_files import mesh_file
+from denoc_ros.model.mesh_files import mesh_file, read_surface
 from denoc_ros.types import Array
 
 ALIGNED = 0.98  # cosine: within 11 degrees of an axis is along it
@@ -125,30 +124,13 @@ def _mesh(geometry: Element, pose: Array, length: float, folder: Path) -> Outlin
 
 def _read_mesh(filename: str, folder: Path) -> Any:
     """Return a mesh of trimesh, None where it is not found or not readable."""
-    import trimesh
-
     file = mesh_file(filename, folder)
     if file is None:
         return None
-    with _silent('trimesh'):
-        try:
-            return trimesh.load(file, force='mesh', skip_materials=True)
-        except Exception:  # a dozen readers, each with errors of its own: a mesh is only a hint
-            return None
-
-
-@contextmanager
-def _silent(*loggers: str) -> Iterator[None]:
-    """Silence libraries about expected findings."""
-    logs = [logging.getLogger(name) for name in loggers]
-    levels = [log.level for log in logs]
-    for log in logs:
-        log.setLevel(logging.CRITICAL + 1)
     try:
-        yield
-    finally:
-        for log, level in zip(logs, levels, strict=True):
-            log.setLevel(level)
+        return read_surface(file)
+    except ModelError:  # a mesh is only a hint
+        return None
 
 
 def _cut(mesh: Any, length: float) -> Outline | None:

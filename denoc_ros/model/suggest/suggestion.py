@@ -166,4 +166,5 @@ def _check_links(
 
 
 def _has_beam(root: Element, link: str) -> bool:
-    return any(beam.get('link') == link for beam in root.iterfind('flexibility/beam'))
+    described = (*root.iterfind('flexibility/beam'), *root.iterfind('flexibility/flexible'))
+    return any(element.get('link') == link for element in described)

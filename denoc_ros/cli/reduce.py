@@ -1,0 +1,406 @@
+"""`denoc reduce SOURCE -o LINK.npz`: a flexible link from a mesh or other programs' matrices."""
+
+from __future__ import annotations
+
+import argparse
+import importlib.util
+import json
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from denoc_ros.cli.arguments import given_file, named_values, require
+from denoc_ros.cli.exit_statuses import DOUBTFUL
+from denoc_ros.cli.verbs import VERBS
+from denoc_ros.errors import ConfigError, ModelError
+from denoc_ros.output_files import require_new, whole_file, write_new
+from denoc_ros.reports.text_table import text_table
+
+if TYPE_CHECKING:
+    from denoc_ros.reduction.description import LinkDescription
+    from denoc_ros.reduction.reduce import Estimate, Frames, ReducedMesh
+    from denoc_ros.types import Array
+
+SURFACES = ('.stl', '.obj', '.ply', '.off', '.dae')
+UNIT_NAMES = ('m', 'cm', 'mm', 'in')
+PLACE = 'NAME=X,Y,Z'
+EXTRA = ('pytetwild', 'skfem', 'pymetis', 'meshio')  # packages that only this verb needs
+
+
+def add_parser(subparsers: Any) -> None:
+    """Declare the verb's arguments."""
+    parser = subparsers.add_parser(
+        'reduce',
+        help=VERBS['reduce'],
+        description=(
+            'Make a flexible link of a closed surface mesh (STL, OBJ, PLY, OFF, COLLADA), a'
+            ' volume mesh (.msh, .inp, .bdf, .mesh), the link of a URDF, or mass and stiffness'
+            ' matrices of another program (.mtx, .npz, .op4, .sti). The file is for'
+            ' <flexible link= file=>.'
+        ),
+    )
+    parser.add_argument('source', help='the mesh, the URDF, or the stiffness matrix')
+    parser.add_argument(
+        '-o', '--output', type=Path, required=True,
+        help="the link's file, .npz; of a URDF also .urdf: the robot with the link, and the file "
+        'beside it',
+    )  # fmt: skip
+    parser.add_argument('--link', metavar='NAME', help='link of the URDF')
+    parser.add_argument(
+        '--page', type=Path, metavar='FILE', help='also write an HTML page on the reduction'
+    )
+    parser.add_argument('--json', action='store_true', help='print machine-readable JSON')
+    _add_frames(parser)
+    _add_material(parser)
+    _add_mesh(parser)
+    _add_matrices(parser)
+    group = parser.add_argument_group('modes')
+    group.add_argument('--modes', type=int, default=6, metavar='N', help='modes; default: 6')
+    group.add_argument(
+        '--damping', type=float, metavar='RATIO', help='damping ratio of each; default: 0.005'
+    )
+    group.add_argument(
+        '--tip-mass', action='append', default=[], metavar='NAME=KG',
+        help='a mass at a frame that the modes are those of; repeatable',
+    )  # fmt: skip
+    group.add_argument(
+        '--gauge', action='append', default=[], metavar='NAME=X,Y,Z,DX,DY,DZ',
+        help='a strain gauge: place on the surface [m] and direction; repeatable',
+    )  # fmt: skip
+    group.add_argument(
+        '--quadratic', choices=('derivatives', 'line', 'none'), default='derivatives',
+        help='second-order displacement: modal derivatives (default; matrices have none), '
+        'foreshortening of the line from root to tip, or none',
+    )  # fmt: skip
+
+
+def _add_frames(parser: argparse.ArgumentParser) -> None:
+    group = parser.add_argument_group('frames, in the link frame, which is the clamped root')
+    group.add_argument(
+        '--frames', metavar='URDF:LINK', help="frames of the link's joints, and its mass"
+    )
+    group.add_argument(
+        '--frame', action='append', default=[], metavar=PLACE,
+        help='another frame at a place [m]; repeatable',
+    )  # fmt: skip
+    group.add_argument(
+        '--radius', action='append', default=[], metavar='[NAME=]R',
+        help="radius of the rigid patch of a frame, root for the link frame's, or of all [m]; "
+        'default: the plane face that the frame is on, else as far as the surface',
+    )  # fmt: skip
+
+
+def _add_material(parser: argparse.ArgumentParser) -> None:
+    group = parser.add_argument_group('material of a mesh')
+    group.add_argument(
+        '--material', metavar='NAME', help='aluminium, steel, titanium, magnesium, cfrp or gfrp'
+    )
+    for name, unit, text in (
+        ('young', 'PA', "Young's modulus"),
+        ('poisson', 'NU', "Poisson's ratio"),
+        ('density', 'KG/M^3', 'density'),
+    ):
+        group.add_argument(
+            f'--{name}', type=float, metavar=unit, help=f"{text} in place of the material's"
+        )
+    group.add_argument(
+        '--mass', choices=('keep', 'scale'), default='keep',
+        help="keep the density (default), or scale it to the URDF's mass of the link",
+    )  # fmt: skip
+
+
+def _add_mesh(parser: argparse.ArgumentParser) -> None:
+    group = parser.add_argument_group('mesh')
+    group.add_argument(
+        '--units', choices=UNIT_NAMES, help='units of the mesh; a URDF says its own'
+    )
+    group.add_argument('--scale', type=float, metavar='S', help='metres per unit of the mesh')
+    group.add_argument(
+        '--edge', type=float, metavar='L',
+        help="length of the tetrahedra's edges [m]; default: by the thickness of the wall",
+    )  # fmt: skip
+    group.add_argument(
+        '--close', action='store_true', help='take a surface with holes: the mesher fills them'
+    )
+    group.add_argument(
+        '--no-coarser', action='store_true', help='leave out the comparison with a coarser mesh'
+    )
+
+
+def _add_matrices(parser: argparse.ArgumentParser) -> None:
+    group = parser.add_argument_group("another program's matrices, in SI unless --scale says else")
+    group.add_argument('--mass-matrix', metavar='FILE', help='mass matrix; default: of the source')
+    group.add_argument(
+        '--nodes', metavar='FILE', help='nodes: a table of number, x, y, z, or an input file'
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the verb and return the exit status; errors are raised."""
+    _check_extra()
+    source = given_file(args.source, 'source')
+    described = _described(args, source)
+    frames = _frames(args, described)
+    files = _outputs(args, source)
+    require_new(*files, args.page)
+    found = _reduced(args, source, described, frames)
+    return _finish(args, source, described, found, files)
+
+
+def _check_extra() -> None:
+    """Raise ConfigError where the packages of the extra `reduce` are not installed."""
+    for name in EXTRA:
+        if importlib.util.find_spec(name) is None:
+            rule = "must be installed: pip install 'denoc_ros[reduce]'"
+            raise ConfigError('denoc reduce', [f'{name} {rule}, got none'])
+
+
+def _described(args: argparse.Namespace, source: Path) -> LinkDescription | None:
+    """Return the link of the URDF that the arguments name, None without one."""
+    from denoc_ros.reduction.description import describe_link
+
+    if source.suffix == '.urdf':
+        require([] if args.link else ['--link must be given with a URDF, got none'])
+        require(['--frames must come with a mesh, got a URDF'] if args.frames else [])
+        return describe_link(source, args.link)
+    require(['--link must come with a URDF, got a mesh'] if args.link else [])
+    if not args.frames:
+        return None
+    file, colon, link = args.frames.rpartition(':')
+    require([] if colon and file and link else [f'--frames must be URDF:LINK, got {args.frames}'])
+    return describe_link(given_file(file, 'robot'), link)
+
+
+def _numbers(count: int) -> Any:
+    """Return what reads a number of finite numbers from a text."""
+
+    def read(text: str) -> Array:
+        values = np.array([float(part) for part in text.split(',')])
+        if len(values) != count or not np.isfinite(values).all():
+            raise ValueError(text)
+        return values
+
+    return read
+
+
+def _frames(args: argparse.Namespace, described: LinkDescription | None) -> Frames:
+    from denoc_ros.reduction.reduce import Frames
+
+    findings: list[str] = []
+    outer = {} if described is None else dict(described.frames)
+    for name, place in named_values('--frame', args.frame, PLACE, _numbers(3), findings).items():
+        outer[name] = np.eye(4)
+        outer[name][:3, 3] = place
+    if not outer:
+        findings.append('a frame besides the root must be given: --frames or --frame, got none')
+    texts = [text if '=' in text else f'*={text}' for text in args.radius]
+    radii = named_values('--radius', texts, 'R or NAME=R', float, findings)
+    for name, radius in radii.items():
+        if not 0.0 < radius < np.inf:
+            findings.append(f'--radius must be > 0 m, got {radius:g}')
+        if name not in ('*', 'root', *outer):
+            findings.append(f'--radius must name root or {", ".join(outer)}, got {name!r}')
+    if not 1 <= args.modes <= 64:
+        findings.append(f'--modes must be 1 to 64, got {args.modes}')
+    if args.damping is not None and not 0.0 <= args.damping < 1.0:
+        findings.append(f'--damping must be >= 0 and < 1, got {args.damping:g}')
+    if args.scale is not None and not 0.0 < args.scale < np.inf:
+        findings.append(f'--scale must be > 0, got {args.scale:g}')
+    if args.scale is not None and args.units is not None:
+        findings.append('--scale must come without --units, got both')
+    require(findings)
+    return Frames(outer, {'' if n == 'root' else n: r for n, r in radii.items()})
+
+
+def _outputs(args: argparse.Namespace, source: Path) -> list[Path]:
+    """Return the link's file, and that of the robot where one is wanted."""
+    if args.output.suffix == '.npz':
+        return [args.output]
+    if args.output.suffix == '.urdf' and source.suffix == '.urdf':
+        return [args.output.with_name(f'{args.link}.npz'), args.output]
+    require([f'--output must end in .npz, or in .urdf for a URDF, got {args.output.name}'])
+    raise AssertionError
+
+
+def _wishes(args: argparse.Namespace, frames: Frames) -> Any:
+    from denoc_ros.reduction.link import Wishes
+
+    findings: list[str] = []
+    masses = named_values('--tip-mass', args.tip_mass, 'NAME=KG', float, findings)
+    for name, mass in masses.items():
+        if name not in frames.outer:
+            findings.append(f'--tip-mass must name {", ".join(frames.outer)}, got {name!r}')
+        if not 0.0 <= mass < float('inf'):
+            findings.append(f'--tip-mass must be >= 0 kg, got {mass:g}')
+    form = 'NAME=X,Y,Z,DX,DY,DZ'
+    gauges = named_values('--gauge', args.gauge, form, _numbers(6), findings)
+    for name, values in gauges.items():
+        if not values[3:].any():
+            findings.append(f'--gauge {name} must have a direction that is not zero')
+    require(findings)
+    given = {} if args.damping is None else {'damping_ratio': args.damping}
+    return Wishes(
+        modes=args.modes,
+        tip_mass=masses,
+        gauges={name: (values[:3], values[3:]) for name, values in gauges.items()},
+        quadratic=args.quadratic,
+        **given,
+    )
+
+
+def _reduced(
+    args: argparse.Namespace, source: Path, described: LinkDescription | None, frames: Frames
+) -> ReducedMesh:
+    """Reduce the source, whatever it is."""
+    from denoc_ros.cli.progress import share_bar
+    from denoc_ros.reduction import matrices, mesh
+    from denoc_ros.reduction.reduce import (
+        ReducedMesh,
+        elasticity_of,
+        reduce_matrices,
+        reduce_solid,
+        reduce_surface,
+    )
+
+    wishes = _wishes(args, frames)
+    suffix = source.suffix.lower()
+    known = (*SURFACES, *mesh.VOLUME_FORMATS, *matrices.FORMATS, '.urdf')
+    require([] if suffix in known else [f'source must end in {", ".join(known)}, got {suffix!r}'])
+    with share_bar(args.json) as bar:
+        options: dict[str, Any] = {
+            'told': lambda estimate: _tell(estimate, args.json),
+            'report': lambda share: bar.update(share - bar.n),
+        }
+        if suffix in matrices.FORMATS and not (suffix == '.npz' and args.material):
+            body = matrices.read_matrices(source, args.mass_matrix, args.nodes, _scale(args, 1.0))
+            found = reduce_matrices(body, frames, wishes, source.name, **options)
+            return ReducedMesh(found, np.zeros(0), 0, tuple(found.doubts))
+        elasticity, said = elasticity_of(args.material, args.young, args.poisson, args.density)
+        mass = _target_mass(args, described)
+        if suffix in mesh.VOLUME_FORMATS:
+            solid = mesh.read_volume(source, np.eye(4), _scale(args), elasticity)
+            text = f'{source.name}, {said}'
+            found = reduce_solid(solid, frames, wishes, text, mass, **options)
+            return ReducedMesh(found, np.zeros(0), 0, tuple(found.doubts))
+        surface = _surface(args, source, described)
+        return reduce_surface(
+            surface,
+            elasticity,
+            frames,
+            wishes,
+            f'{Path(surface.where).name}, {said}',
+            args.edge,
+            mass,
+            not args.no_coarser,
+            **options,
+        )
+
+
+def _scale(args: argparse.Namespace, default: float | None = None) -> float:
+    """Return the metres per unit that the arguments say."""
+    from denoc_ros.reduction.mesh import UNITS
+
+    if args.scale is not None:
+        return float(args.scale)
+    if args.units is not None:
+        return UNITS[args.units]
+    require([] if default else ['--units or --scale must be given: a mesh says none, got neither'])
+    assert default is not None
+    return default
+
+
+def _surface(args: argparse.Namespace, source: Path, described: LinkDescription | None) -> Any:
+    """Return the surface: the source's, or the first closed mesh of the URDF's link."""
+    from denoc_ros.reduction.mesh import closed_surface
+
+    if described is None or source.suffix != '.urdf':
+        return closed_surface(source, np.eye(4), np.full(3, _scale(args)), args.close)
+    if not described.meshes:
+        got = f'{described.lost[0]!r}, which is not found' if described.lost else 'none'
+        rule = f'link {described.link!r} must have a mesh'
+        raise ModelError(described.where, [f'{rule}, got {got}'])
+    scale = _scale(args, 1.0)
+    refused: ModelError | None = None
+    for file, pose, factor in described.meshes:
+        try:
+            return closed_surface(file, pose, scale * factor, False)
+        except ModelError as error:
+            refused = refused or error
+    if not args.close:
+        assert refused is not None
+        raise refused
+    file, pose, factor = described.meshes[0]
+    return closed_surface(file, pose, scale * factor, True)
+
+
+def _target_mass(args: argparse.Namespace, described: LinkDescription | None) -> float | None:
+    """Return the mass that the density is scaled to, None for the material's own."""
+    if args.mass == 'keep':
+        return None
+    inertia = None if described is None else described.inertia
+    has = inertia is not None and inertia.mass > 0.0
+    require([] if has else ["--mass scale must come with a URDF's mass of the link, got none"])
+    assert inertia is not None
+    return inertia.mass
+
+
+def _tell(estimate: Estimate, quiet: bool) -> None:
+    if not quiet:
+        from denoc_ros.cli.progress import seconds
+
+        said = f'about {seconds(max(estimate.seconds, 1.0))}, {estimate.megabytes:.0f} MB'
+        print(f'{estimate.nodes} nodes: {said}', file=sys.stderr)
+
+
+def _finish(
+    args: argparse.Namespace,
+    source: Path,
+    described: LinkDescription | None,
+    found: ReducedMesh,
+    files: list[Path],
+) -> int:
+    """Write what was found and say it; return 0, or 2 with doubts."""
+    from denoc_ros.model.link_file import write
+    from denoc_ros.reduction.description import with_block
+    from denoc_ros.reports.provenance import named_file, provenance
+    from denoc_ros.reports.reduce import page, summary
+
+    row = summary(found, None if described is None else described.inertia)
+    row['output'] = str(files[0])
+    name = described.link if described is not None else (args.link or source.stem)
+    row['block'] = f'<flexible link="{name}" file="{files[0].name}" inertial="file"/>'
+    with whole_file(files[0]) as unfinished:
+        write(unfinished, found.reduction.link)
+    if len(files) > 1:
+        write_new(files[1], with_block(source, args.link, files[0].name))
+        row['robot'] = str(files[1])
+    if args.page:
+        origin = provenance(args.command, {'source': named_file(source)})
+        with whole_file(args.page) as unfinished:
+            html = page(found, row, name, origin).html()
+            unfinished.write_text(html, encoding='utf-8')
+    if args.json:
+        print(json.dumps(row, indent=2, allow_nan=False))
+    else:
+        _print(row)
+    for doubt in row['doubts']:
+        print(f'denoc reduce: warning: {doubt}', file=sys.stderr)
+    return DOUBTFUL if row['doubtful'] else 0
+
+
+def _print(row: dict[str, Any]) -> None:
+    said = f'{row["mass_kg"]:.4g} kg'
+    if row['urdf_mass_kg'] is not None:
+        said += f' (URDF: {row["urdf_mass_kg"]:.4g} kg)'
+    modes, points = len(row['frequencies_hz']), row['points']
+    print(f'{row["source"]}\n{said}, {modes} modes, {points} points')
+    print('\nmodes, root clamped\n' + text_table(row['modes']))
+    print(
+        '\nframes: static compliance, and what the modes lack of it\n' + text_table(row['frames'])
+    )
+    print('\npatches\n' + text_table(row['patches']))
+    print(f'\n{row["output"]}: written; in <flexibility>:\n  {row["block"]}')
+    if 'robot' in row:
+        print(f'{row["robot"]}: written')

@@ -1,0 +1,276 @@
+"""Tip-exact motions on grids of times: what is asked, solved, made finer, and made a plan."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import make_interp_spline
+
+from denoc_ros.control.asked_motion import AskedMotion, RetimedMotion
+from denoc_ros.control.grid import GridMotion, differences
+from denoc_ros.control.plan import Plan
+from denoc_ros.control.reaction import require_attitude
+from denoc_ros.control.rest import rest_posture
+from denoc_ros.control.targets import Target
+from denoc_ros.control.tip_options import TipOptions
+from denoc_ros.control.tip_problem import TipProblem
+from denoc_ros.control.tip_solver import CancelledError, Solved, settle, solve_motion
+from denoc_ros.control.zeros import settling_times
+from denoc_ros.dynamics.floating_base import ATTITUDE
+from denoc_ros.dynamics.robot import Robot
+from denoc_ros.errors import SolverError, StateError
+from denoc_ros.types import Array
+
+Int = NDArray[np.int64]
+Rest = tuple[Array, Array]  # coordinates and multipliers
+Motion = AskedMotion | RetimedMotion
+
+NODES = 400  # of the motion, at least
+FEWEST = 8  # nodes, whatever step is asked for
+LONGEST_STEP = 0.04  # s between nodes
+HALVINGS = 2  # of the step, where the equations do not hold well between nodes
+GRID_ERROR = 3e-7  # of the tip's distance: root mean square of the equations between nodes
+OUTPUT = 0.004  # s between rows of a plan
+TURN = 0.01  # of the tip's distance: how much a radian of turn counts
+DRAW = 1e-4  # of the tip's distance: what a radian away from the asked joints counts
+# times both, where a base floats and fewer joints than directions move the tip: what they do to
+# the base moves the tip in the others as well, so that its position need not suffer
+FEW = 1e-2
+DIRECTIONS = 6
+SMOOTH = 3e-3  # of the tip's distance: the same for second differences on the usual grid
+
+
+@dataclass(frozen=True)
+class TipGrid:
+    """A tip-exact motion at nodes.
+
+    Attributes
+    ----------
+    problem : TipProblem
+    solved : Solved
+    nodes : (k,) array
+        Evenly spaced times [s].
+    ends : list
+        Coordinates and multipliers at rest, before and after.
+    """
+
+    problem: TipProblem
+    solved: Solved
+    nodes: Array
+    ends: list[Rest]
+
+    @property
+    def step(self) -> float:
+        """Between nodes [s]."""
+        return float(self.nodes[1] - self.nodes[0])
+
+    @property
+    def motion(self) -> GridMotion:
+        """The motion between nodes, too."""
+        q = self.solved.q
+        return GridMotion(float(self.nodes[0]), self.step, q, *differences(q, self.step))
+
+
+class TipGrids:
+    """Finds tip-exact motions of a robot.
+
+    Parameters
+    ----------
+    robot : Robot
+    frames : sequence of str
+    driven : int array
+    options : TipOptions
+    """
+
+    def __init__(
+        self, robot: Robot, frames: Sequence[str], driven: Int, options: TipOptions
+    ) -> None:
+        self.robot, self.frames, self.driven, self.options = robot, frames, driven, options
+        self.report = _reporter(options)
+
+    def solve(self, asked: Motion, nodes: int = NODES, halvings: int = HALVINGS) -> TipGrid:
+        """Return the motion; its grid is halved where the equations do not hold between nodes."""
+        duration = asked.duration
+        usual = min(duration / nodes, LONGEST_STEP)
+        step = self.options.step or usual
+        step = duration / max(FEWEST, math.ceil(duration / step - 1e-9))
+        some: Array = np.linspace(0.0, duration, 9)
+        rough = self.problem(asked, some, 1.0)
+        ends = [rest_posture(rough, k, _start(self.robot, rough.asked[k])) for k in (0, -1)]
+        before, after = _window(rough, ends, duration, self.options)
+        first, last = -math.ceil(before / step), round(duration / step) + math.ceil(after / step)
+        times: Array = step * np.arange(first, last + 1, dtype=np.float64)
+        problem = self.problem(asked, times, usual / step)
+        guess = _guess(problem, ends, np.clip(times / duration, 0.0, 1.0))
+        solved = solve_motion(problem, guess, step, _size(problem), self.report)
+        grid = TipGrid(problem, solved, times, ends)
+        for _ in range(0 if self.options.step else halvings):
+            if _between(grid) <= GRID_ERROR * _size(problem):
+                break
+            finer = times[0] + 0.5 * grid.step * np.arange(2 * len(grid.nodes) - 1)
+            try:
+                better = self.problem(asked, finer, 2.0 * usual / grid.step)
+                guess = _halved(grid)
+                solved = solve_motion(better, guess, 0.5 * grid.step, _size(better), self.report)
+            except CancelledError:
+                raise
+            except SolverError:
+                break  # what was found on the coarser grid is good, and says what it leaves
+            grid = TipGrid(better, solved, finer, ends)
+        return grid
+
+    def near(self, asked: Motion, times: Array, guess: Rest, ends: list[Rest]) -> TipGrid:
+        """Return the motion on a grid (k,), from coordinates and multipliers near it."""
+        step = float(times[1] - times[0])
+        problem = self.problem(asked, times, min(asked.duration / NODES, LONGEST_STEP) / step)
+        solved = settle(problem, guess, step, _size(problem), self.report)
+        return TipGrid(problem, solved, times, ends)
+
+    def problem(self, asked: Motion, nodes: Array, finer: float) -> TipProblem:
+        """Return the problem at the times of nodes (k,).
+
+        `finer` is how many times closer than usual the nodes are: accelerations weigh the same.
+        """
+        robot, frames, driven, options = self.robot, self.frames, self.driven, self.options
+        poses = [asked.poses(frame, nodes) for frame in frames]
+        size, turn = _distance(poses), turn_weight(robot, driven, poses, options)
+        weights = [1.0] * len(frames) if options.weights is None else list(options.weights)
+        if len(weights) != len(frames):
+            raise StateError(
+                f'shape_motion: weights must be one for each of {list(frames)}, got {len(weights)}'
+            )
+        targets = [
+            Target(frame, pose, weight, turn)
+            for frame, pose, weight in zip(frames, poses, weights, strict=True)
+        ]
+        share = _share(robot, driven, options)
+        draw = share * DRAW * size if options.draw is None else options.draw
+        rows = asked.coordinates(nodes)
+        smooth = share * SMOOTH * size * finer**2
+        return TipProblem(robot, driven, targets, rows, draw, smooth, asked.duration)
+
+    def plan(self, grid: TipGrid, asked: Motion) -> Plan:
+        """Return the plan of a motion on the grid, on finer times."""
+        return _plan(grid, asked, self.options.output_step or OUTPUT)
+
+
+def _halved(grid: TipGrid) -> Rest:
+    """Return coordinates and multipliers of a solution on a grid twice as fine."""
+    new = grid.nodes[0] + 0.5 * grid.step * np.arange(2 * len(grid.nodes) - 1)
+    return grid.motion.sample(new)[0], _multipliers(grid, new)
+
+
+def _multipliers(grid: TipGrid, times: Array) -> Array:
+    """Return the multipliers at times (m,)."""
+    spline = make_interp_spline(grid.nodes, grid.solved.multipliers, k=3)
+    return np.asarray(spline(times), dtype=np.float64)
+
+
+def _between(grid: TipGrid) -> float:
+    """Return the root mean square of the equations half-way between nodes [m, rad]."""
+    problem, middle = grid.problem, 0.5 * (grid.nodes[:-1] + grid.nodes[1:])
+    multipliers = _multipliers(grid, middle)
+    q, qd, qdd = grid.motion.sample(middle)
+    left = problem.residual(q, qd, qdd, multipliers)
+    left = np.concatenate([left, problem.drift(q, qd)], axis=1)
+    return float(np.sqrt(np.mean(left**2))) if left.size else 0.0
+
+
+def _start(robot: Robot, asked: Array) -> Array:
+    """Return a posture (n,) near the equilibrium at the asked joints."""
+    if robot.constraint_names or len(robot.base_indices):
+        return asked
+    return robot.static_deflection(asked[robot.joint_indices])
+
+
+def _distance(poses: Sequence[Array]) -> float:
+    """Return the largest distance of frames from the base's origin [m]."""
+    return max(float(np.linalg.norm(pose[:, :3, 3], axis=1).max()) for pose in poses)
+
+
+def turn_weight(robot: Robot, driven: Int, poses: Sequence[Array], options: TipOptions) -> float:
+    """Return the weight of a radian of rotation [m]."""
+    if options.turn is not None:
+        return options.turn
+    return _share(robot, driven, options) * TURN * _distance(poses)
+
+
+def _share(robot: Robot, driven: Int, options: TipOptions) -> float:
+    """Default factor of turn and draw."""
+    few = len(robot.base_indices) > 0 and len(driven) < DIRECTIONS
+    return FEW if few and options.turn is None else 1.0
+
+
+def _size(problem: TipProblem) -> float:
+    return max(float(np.abs(t.poses[:, :3, 3]).max()) for t in problem.targets)
+
+
+def _window(
+    problem: TipProblem, ends: list[Rest], duration: float, options: TipOptions
+) -> tuple[float, float]:
+    """Return how long the joints may move before and after the motion [s]."""
+    needed = [settling_times(problem, q) for q, _ in ends]
+    before = max(need[0] for need in needed) if options.preaction is None else options.preaction
+    after = max(need[1] for need in needed) if options.postaction is None else options.postaction
+    return min(before, duration), min(after, duration)
+
+
+def _guess(problem: TipProblem, ends: list[Rest], share: Array) -> Rest:
+    """Return the asked motion (k, n) and multipliers (k, m) to begin with.
+
+    What the ends have beside the asked motion is spread over the middle.
+    """
+    first, last = 1.0 - share[:, None], share[:, None]
+    asked = problem.asked
+    q = asked + first * (ends[0][0] - asked[0]) + last * (ends[1][0] - asked[-1])
+    return q, first * ends[0][1] + last * ends[1][1]
+
+
+def _reporter(options: TipOptions) -> Callable[[int, float], None]:
+    """Return the callback of each iteration: it reports progress and checks for cancellation."""
+
+    def report(iteration: int, left: float) -> None:
+        if options.progress is not None:
+            options.progress(1.0 - 0.5**iteration)
+        if options.cancel is not None and options.cancel():
+            raise CancelledError(
+                f'shape_motion: it was cancelled after {iteration} iterations, with forces of '
+                f'{left:.3g} m (or rad) over their stiffness left'
+            )
+
+    return report
+
+
+def _plan(grid: TipGrid, asked: Motion, output_step: float) -> Plan:
+    """Return the plan of a motion on the grid, on finer times, with its torque and errors."""
+    problem, nodes, step = grid.problem, grid.nodes, grid.step
+    robot = problem.robot
+    fine = max(1, math.ceil(step / output_step - 1e-9))
+    t = nodes[0] + step / fine * np.arange((len(nodes) - 1) * fine + 1)
+    q, qd, qdd = grid.motion.sample(t)
+    torque = problem.torque(q, qd, qdd, _multipliers(grid, t))
+    if len(problem.base):
+        require_attitude(robot, q[:, problem.base[ATTITUDE]])
+    errors = [
+        replace(target, poses=asked.poses(target.frame, t)).error(robot, q)
+        for target in problem.targets
+    ]
+    return Plan(
+        method='tip',
+        t=t,
+        q=q,
+        qd=qd,
+        qdd=qdd,
+        torque=torque,
+        joint_names=tuple(robot.coordinate_names[k] for k in problem.driven),
+        coordinate_names=tuple(robot.coordinate_names),
+        tip_error=np.max([np.linalg.norm(error[0], axis=1) for error in errors], axis=0),
+        tip_turn=np.max([np.linalg.norm(error[1], axis=1) for error in errors], axis=0),
+        preaction=-float(nodes[0]),
+        postaction=float(nodes[-1]) - asked.duration,
+        equation_error=_between(grid),
+    )

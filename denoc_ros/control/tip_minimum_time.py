@@ -1,0 +1,417 @@
+"""Motions along a path in minimum time: plans with their derivatives by the timing."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from typing import TypeVar
+
+import numpy as np
+import scipy.optimize
+import scipy.sparse as sparse
+from scipy.interpolate import make_interp_spline
+
+from denoc_ros.control.asked_motion import AskedMotion, RetimedMotion
+from denoc_ros.control.grid import differences
+from denoc_ros.control.limit_rows import TIPS, LimitRows, Moments
+from denoc_ros.control.minimum_time import Objective, shortest
+from denoc_ros.control.plan import Plan
+from denoc_ros.control.timing import Timing, TimingBasis
+from denoc_ros.control.tip_grid import FEWEST, OUTPUT, TipGrid, TipGrids
+from denoc_ros.control.tip_options import TipOptions
+from denoc_ros.control.tip_solver import sensitivity
+from denoc_ros.errors import SolverError, StateError
+from denoc_ros.types import Array
+
+NODES = 300  # of a motion while its timing is looked for
+SHARPEST = 4.0  # times their median: coefficients of a timing, so that it begins smoothly
+PIECES = 14  # of the splines of a timing
+AGAIN = 3  # times that limits are made narrower where a finer plan is beyond them
+TIGHTEN = 4  # rounds each time
+SLOWER = 8  # times that a motion is made slower where that is not enough
+WITHIN = 1e-3  # share beyond a limit that a plan may be
+CELLS = 200  # of a rigid robot's path
+MOMENTS = 4  # of each cell: its ends, and between
+KNOTS = 800  # of its spline
+FINE = 4000  # moments at which the length of its way is summed up
+NEWTON = 3  # steps to the moments of its knots
+EDGE = 0.05  # of the first and last cell: where they are looked at beside rest
+# limits that bound the pace, and those that need rows in even steps of time
+PACED = {'velocity', 'acceleration', 'jerk', 'effort', 'effort_rate', 'strain', 'moment', *TIPS}
+IN_TIME = {'jerk', 'effort_rate', 'tip_speed', 'tip_acceleration'}
+SHORTEST = 0.7  # of the window before and after, which shrinks with the motion
+
+
+@dataclass(frozen=True)
+class TimedTip:
+    """A tip-exact motion with a timing."""
+
+    timing: Timing
+    asked: RetimedMotion
+    grid: TipGrid
+    at: Moments
+    shares: Array
+    change: Array | None = None  # (k, n, p) of the coordinates at the same places of the path
+
+    @property
+    def duration(self) -> float:
+        """Of the motion [s]."""
+        return self.timing.duration
+
+
+class TipMinimumTime:
+    """The search for the timing of a tip-exact motion (see :class:`MinimumTimeProblem`)."""
+
+    def __init__(
+        self, grids: TipGrids, asked: AskedMotion, basis: TimingBasis, rows: LimitRows
+    ) -> None:
+        self._grids, self._asked, self._basis, self._rows = grids, asked, basis, rows
+        self.names, self.length = rows.names, float(basis.stations[-1])
+        self._window = (0.0, 0.0)
+        self._changes: tuple[int, Array] | None = None
+
+    def program(self, solution: TimedTip) -> Objective:
+        """Return the duration's parts."""
+        return Objective(np.diff(self._basis.stations), self._basis.design, SHARPEST)
+
+    def solve(self, coefficients: Array, near: tuple[TimedTip, Array] | None) -> TimedTip:
+        """Return the motion with coefficients (p,)."""
+        timing = Timing(self._basis, coefficients)
+        asked = RetimedMotion(self._asked, timing)
+        if near is None:
+            grid = self._grids.solve(asked, NODES, 0)
+            require_rest(self.names, self._rows.values(at_rest(grid), 1.0))
+            self._window = -float(grid.nodes[0]), float(grid.nodes[-1]) - timing.duration
+        else:
+            grid = self._from(near, timing, asked)
+        q = grid.solved.q
+        qd, qdd = differences(q, grid.step)
+        torque = grid.problem.torque(q, qd, qdd, grid.solved.multipliers)
+        at = Moments(q, qd, qdd, torque)
+        shares = self._rows.values(at, grid.step)
+        return TimedTip(timing, asked, grid, at, shares * self._narrowed(timing, grid.nodes))
+
+    def _narrowed(self, timing: Timing, times: Array) -> Array:
+        return self._rows.narrowed(timing.stations_at(times) / self._basis.stations[-1])
+
+    def _from(self, near: tuple[TimedTip, Array], timing: Timing, asked: RetimedMotion) -> TipGrid:
+        """Return the motion on a grid, found from a motion with another timing."""
+        old, change = near
+        before, step_old = old.grid.nodes, old.grid.step
+        first = round(-before[0] / step_old)
+        inside = round(old.duration / step_old)
+        last = len(before) - 1 - first - inside
+        step = timing.duration / inside
+        # the window before and after stays as long
+        first, last = (
+            count if count * step >= SHORTEST * needed else int(np.ceil(needed / step))
+            for count, needed in zip((first, last), self._window, strict=True)
+        )
+        nodes = step * np.arange(-first, inside + last + 1, dtype=np.float64)
+        moments = timing_of(old, timing)
+        q = old.grid.solved.q
+        if self._changes is not None and self._changes[0] == id(old):
+            q = q + self._changes[1] @ change
+        where = np.clip(nodes, moments[0], moments[-1])
+        guess = np.asarray(make_interp_spline(moments, q, k=3)(where))
+        forces = make_interp_spline(moments, old.grid.solved.multipliers, k=1)(where)
+        guess[0], guess[-1] = old.grid.solved.q[0], old.grid.solved.q[-1]
+        return self._grids.near(asked, nodes, (guess, forces), old.grid.ends)
+
+    def jacobian(self, solution: TimedTip) -> Array:
+        """Return the derivatives (k r, p) of the shares at the same places of the path."""
+        grid, timing = solution.grid, solution.timing
+        nodes, step = grid.nodes, grid.step
+        moved = timing.change_of_stations(nodes)
+        twists = [
+            np.concatenate([twist[:, :3], target.turn * twist[:, 3:]], axis=1) * target.weight
+            for target in grid.problem.targets
+            for twist in (solution.asked.twists(target.frame, nodes),)
+        ]
+        path = np.concatenate(twists, axis=1), solution.asked.coordinate_rates(nodes)
+        found = sensitivity(grid.problem, grid.solved, step, path, moved)
+        if found is None:
+            raise SolverError('shape_motion: the plan must have derivatives, got none')
+        dq, dm = found
+        flat = dq.reshape(len(dq), -1)
+        dqd, dqdd = (part.reshape(dq.shape) for part in differences(flat, step))
+        dtau = grid.problem.torque_change(
+            *solution.at[:3], grid.solved.multipliers, (dq, dqd, dqdd, dm)
+        )
+        by = Moments(dq, dqd, dqdd, dtau)
+        changes = self._rows.changes(solution.at, step, by)
+        changes *= self._narrowed(timing, nodes)[:, :, None]
+        later = timing.change_of_times(nodes)
+        slope = np.gradient(solution.shares, step, axis=0)
+        changes = changes + slope[:, :, None] * later[:, None, :]
+        self._changes = id(solution), dq + solution.at.qd[:, :, None] * later[:, None, :]
+        return np.asarray(changes.reshape(-1, changes.shape[2]))
+
+    def start(self, plan: Plan) -> Array:
+        """Return the coefficients nearest to the timing of a plan."""
+        assert plan.passed is not None
+        inside = (plan.t >= plan.t[0] + plan.preaction) & (plan.t <= plan.t[-1] - plan.postaction)
+        passed, t = plan.passed[inside], plan.t[inside]
+        share = self._basis.stations[-1] / max(float(passed[-1]), 1e-300)
+        pace = np.gradient(passed * share, t)
+        wanted = np.interp(self._basis.stations, passed * share, pace**2)
+        weights = 1.0 / np.maximum(wanted, 1e-3 * wanted.max())
+        rows = weights[:, None] * self._basis.design
+        found, _ = scipy.optimize.nnls(rows, weights * wanted)
+        return np.asarray(np.maximum(found, 1e-3 * found.max()))
+
+    def plan(self, found: TimedTip) -> Plan:
+        """Return the plan of a motion, on a grid as fine as its equations need."""
+        plan = self._grids.plan(self._grids.solve(found.asked), found.asked)
+        passed = found.timing.stations_at(plan.t)
+        return replace(plan, stretch=found.duration / self._basis.stations[-1], passed=passed)
+
+
+def at_rest(grid: TipGrid) -> Moments:
+    """Return the first and last posture of a motion, where it rests."""
+    q, forces = grid.solved.q[[0, -1]], grid.solved.multipliers[[0, -1]]
+    still = np.zeros_like(q)
+    return Moments(q, still, still, grid.problem.torque(q, still, still, forces))
+
+
+def require_rest(names: Sequence[str], shares: Array) -> None:
+    """Refuse limits that are passed where the robot rests: no timing helps."""
+    most = np.abs(shares).max(axis=0)
+    if len(most) and float(most.max()) > 1.0 + WITHIN:
+        what, _, whose = names[int(most.argmax())].partition(' ')
+        raise SolverError(
+            f'shape_motion: {whose} must keep its limit of {what} at rest, got '
+            f'{float(most.max()):.4g} times that at the start or end of the motion, however slow'
+        )
+
+
+def timing_of(old: TimedTip, timing: Timing) -> Array:
+    """Return when a timing passes what the nodes of a motion with another one pass (k,)."""
+    nodes = old.grid.nodes
+    inside = np.clip(nodes, 0.0, old.duration)
+    stations = old.timing.stations_at(inside)
+    new = np.interp(stations, timing.basis.stations, timing.t)
+    return np.asarray(new + (nodes - inside))
+
+
+@dataclass(frozen=True)
+class TimedPath:
+    """A rigid robot's motion with a timing; each cell of the path has `MOMENTS`."""
+
+    timing: Timing
+    shares: Array
+    at: Moments
+
+    @property
+    def duration(self) -> float:
+        """Of the motion [s]."""
+        return self.timing.duration
+
+
+class RigidMinimumTime:
+    """The timing of a rigid robot's path (see :class:`MinimumTimeProblem`).
+
+    The path's parameter is the length of the joints' way; the squared pace x is linear from
+    station to station, so that accelerations are constant between them.
+    """
+
+    def __init__(self, grids: TipGrids, asked: AskedMotion, rows: LimitRows) -> None:
+        self._grids, self._asked, self._rows = grids, asked, rows
+        self.names, self.length = rows.names, asked.duration
+        even = np.linspace(0.0, asked.duration, FINE + 1)
+        speed = make_interp_spline(even, np.linalg.norm(asked.joint_spline(even, 1), axis=1), k=3)
+        way = speed.antiderivative()
+        length = float(way(asked.duration))
+        if not length > 0.0:
+            raise StateError('shape_motion: q_joints must move for minimum time, got one posture')
+        self._asked_at = np.linspace(0.0, length, KNOTS + 1)
+        self._moment = np.interp(self._asked_at, way(even), even)
+        for _ in range(NEWTON):
+            slope = np.maximum(speed(self._moment[1:-1]), 1e-9 * length / asked.duration)
+            self._moment[1:-1] -= (way(self._moment) - self._asked_at)[1:-1] / slope
+        self._path = make_interp_spline(self._asked_at, asked.coordinates(self._moment), k=3)
+        q = asked.coordinates(np.array([0.0, asked.duration]))
+        rest = Moments(q, 0.0 * q, 0.0 * q, self._torque(q, 0.0 * q, 0.0 * q))
+        require_rest(self.names, rows.values(rest, 1.0))
+        self._basis = TimingBasis.linear(np.linspace(0.0, length, CELLS + 1))
+        share: Array = np.tile(np.linspace(0.0, 1.0, MOMENTS), (CELLS, 1))
+        share[0, 0], share[-1, -1] = EDGE, 1.0 - EDGE  # at rest there is no friction
+        self._cell = np.repeat(np.arange(CELLS), MOMENTS)
+        self._share = share.ravel()
+        s = (self._cell + self._share) * length / CELLS
+        self._rows_of_path = tuple(np.asarray(self._path(s, order)) for order in range(3))
+        self.first = np.ones(self._basis.design.shape[1]) * (length / asked.duration) ** 2
+
+    def program(self, solution: TimedPath) -> Objective:
+        """Return the duration's parts."""
+        return Objective(np.diff(self._basis.stations), self._basis.design)
+
+    def solve(self, coefficients: Array, near: tuple[TimedPath, Array] | None) -> TimedPath:
+        """Return the motion with coefficients (p,)."""
+        timing = Timing(self._basis, coefficients)
+        at = self._moments(timing)
+        return TimedPath(timing, self._rows.values(at, 1.0) * self._narrowed(), at)
+
+    def _narrowed(self) -> Array:
+        place = np.interp(
+            (self._cell + self._share) / CELLS * self._asked_at[-1], self._asked_at, self._moment
+        )
+        return self._rows.narrowed(place / self._asked.duration)
+
+    def _moments(self, timing: Timing) -> Moments:
+        """Return the motion in all cells."""
+        q, slope, bend = self._rows_of_path
+        x, a = self._squares(timing)
+        at = q, slope * np.sqrt(x)[:, None], slope * a[:, None] + bend * x[:, None]
+        return Moments(*at, self._torque(*at))
+
+    def _torque(self, q: Array, qd: Array, qdd: Array) -> Array:
+        return np.asarray(self._grids.robot.inverse_dynamics(q, qd, qdd)[:, self._grids.driven])
+
+    def _squares(self, timing: Timing) -> tuple[Array, Array]:
+        """Return the squared pace and the acceleration along the path in all cells."""
+        square = timing.pace**2
+        before, after = square[self._cell], square[self._cell + 1]
+        x = (1.0 - self._share) * before + self._share * after
+        return x, 0.5 * (after - before) / float(self._basis.stations[1])
+
+    def jacobian(self, solution: TimedPath) -> sparse.csr_array:
+        """Return the derivatives of the shares: each is of the stations beside it alone."""
+        _, slope, bend = self._rows_of_path
+        x, _ = self._squares(solution.timing)
+        dx = np.stack([1.0 - self._share, self._share], axis=1)[:, None]
+        half = 0.5 / float(self._basis.stations[1])
+        da = np.tile([-half, half], (len(x), 1))[:, None]
+        dq = np.zeros((*slope.shape, 2))
+        dqd = 0.5 * (slope / np.sqrt(x)[:, None])[:, :, None] * dx
+        dqdd = slope[:, :, None] * da + bend[:, :, None] * dx
+        robot, driven = self._grids.robot, self._grids.driven
+        _, by_qd, by_qdd = robot.inverse_dynamics_derivatives(*solution.at[:3])
+        dtau = by_qd[:, driven] @ dqd + by_qdd[:, driven] @ dqdd
+        local = self._rows.changes(solution.at, 1.0, Moments(dq, dqd, dqdd, dtau))
+        local *= self._narrowed()[:, :, None]
+        k, r, _ = local.shape
+        columns = np.repeat(np.stack([self._cell - 1, self._cell], axis=1)[:, None], r, axis=1)
+        rows = np.repeat(np.arange(k * r).reshape(k, r, 1), 2, axis=2)
+        count = len(solution.timing.coefficients)
+        inside = (columns >= 0) & (columns < count)
+        return sparse.csr_array(
+            (local[inside], (rows[inside], columns[inside])), shape=(k * r, count)
+        )
+
+    def plan(self, found: TimedPath) -> Plan:
+        """Return the plan of a motion, in even steps of time."""
+        robot, driven, timing = self._grids.robot, self._grids.driven, found.timing
+        output = self._grids.options.output_step or OUTPUT
+        count = max(FEWEST, int(np.ceil(timing.duration / output - 1e-9)))
+        t = np.linspace(0.0, timing.duration, count + 1)
+        cell = np.clip(np.searchsorted(timing.t, t, side='right') - 1, 0, CELLS - 1)
+        square, apart = timing.pace**2, float(self._basis.stations[1])
+        a = 0.5 * (square[cell + 1] - square[cell]) / apart
+        since, pace = t - timing.t[cell], timing.pace[cell]
+        s = self._basis.stations[cell] + since * (pace + 0.5 * a * since)
+        s = np.clip(s, 0.0, self._basis.stations[-1])
+        pace = np.maximum(pace + a * since, 0.0)
+        q, slope, bend = (np.asarray(self._path(s, order)) for order in range(3))
+        qd, qdd = slope * pace[:, None], slope * a[:, None] + bend * (pace**2)[:, None]
+        passed = np.interp(s, self._asked_at, self._moment)
+        none = np.zeros(len(t))
+        return Plan(
+            method='tip',
+            t=t,
+            q=q,
+            qd=qd,
+            qdd=qdd,
+            torque=self._torque(q, qd, qdd),
+            joint_names=tuple(robot.coordinate_names[k] for k in driven),
+            coordinate_names=tuple(robot.coordinate_names),
+            tip_error=none,
+            tip_turn=none,
+            stretch=timing.duration / self._asked.duration,
+            passed=passed,
+        )
+
+
+def fastest(grids: TipGrids, asked: AskedMotion, rows: LimitRows) -> Plan:
+    """Return the plan that passes the path of a motion in the least time within limits.
+
+    Parameters
+    ----------
+    grids : TipGrids
+    asked : AskedMotion
+        Its path stays, its timing is where the search begins.
+    rows : LimitRows
+
+    Raises
+    ------
+    StateError
+        No limit bounds the pace.
+    SolverError
+        No timing keeps the limits; with the one that is passed most.
+    """
+    options, robot = grids.options, grids.robot
+    if not any(name.split()[0] in PACED for name in rows.names):
+        raise StateError(
+            f'{robot.tree.name}: minimum time needs a limit of velocity, acceleration, effort, '
+            'strain or such, got none'
+        )
+    own = TipGrids(robot, grids.frames, grids.driven, replace(options, progress=None, cancel=None))
+    kinds = {name.split()[0] for name in rows.names}
+    if robot.n == len(grids.driven) and not kinds & IN_TIME:
+        rigid = RigidMinimumTime(own, asked, rows)
+        return _searched(rigid, rigid.first, rows, options)
+    speed = asked.joint_spline
+
+    def fast(times: Array) -> Array:
+        return np.asarray(np.linalg.norm(speed(times, 1), axis=1))
+
+    basis = TimingBasis.spline(asked.duration, fast, PIECES)
+    bent = TipMinimumTime(own, asked, basis, rows)
+    if options.near is not None and options.near.passed is not None:
+        first = bent.start(options.near)
+    else:
+        first = np.ones(basis.design.shape[1])
+        first *= (Timing(basis, first).duration / asked.duration) ** 2
+    return _searched(bent, first, rows, options)
+
+
+def _passed(plan: Plan) -> Array:
+    assert plan.passed is not None
+    return plan.passed
+
+
+P = TypeVar('P', TipMinimumTime, RigidMinimumTime)
+
+
+def _searched(problem: P, first: Array, rows: LimitRows, options: TipOptions) -> Plan:
+    """Return the plan of the shortest motion, made a little slower where it needs that."""
+    cancel = options.cancel or (lambda: False)
+
+    def quiet(_share: float) -> None:
+        """Report nothing."""
+
+    found = shortest(problem, first, options.progress or quiet, cancel)
+    for again in range(AGAIN + SLOWER):
+        plan = problem.plan(found.solution)
+        use = rows.use(plan)
+        beyond = use.shares.max(axis=0, initial=0.0) - 1.0
+        if not beyond.max(initial=0.0) > WITHIN:
+            gains = {name: 0.01 * gain for name, gain in zip(rows.names, found.gains, strict=True)}
+            return replace(plan, limits=replace(use, gains=gains, settled=found.settled))
+        narrowed = None
+        if again < AGAIN and not cancel():
+            # between the moments of the search: there the limits are made narrower
+            rows.narrow(_passed(plan) / problem.length, use.shares)
+            with suppress(SolverError):
+                narrowed = shortest(problem, found.coefficients, quiet, cancel, TIGHTEN)
+        if narrowed is not None:
+            found = narrowed
+        else:
+            slower = found.coefficients / (1.0 + 1.1 * float(beyond.max()))
+            found = replace(found, solution=problem.solve(slower, None), coefficients=slower)
+    name = rows.names[int(beyond.argmax())]
+    raise SolverError(
+        f'shape_motion: {name} must keep its limit, got {1.0 + float(beyond.max()):.4g} times '
+        'that of the shortest motion that was found'
+    )

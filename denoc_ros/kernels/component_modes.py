@@ -1,0 +1,309 @@
+"""Links with component modes: points, wrench, inertia and sections of three-component columns.
+
+A point stands at p = r + 1/2 sum_j (Phi_j + B_j) d_j with the columns B_j = Phi_j + sum_k Gamma_jk
+d_k, so that dB_j/dd_k = Gamma_jk. The points are the rows of a factor of the functions' Gram
+matrix: e is the value of 1 at a point, r those of x, y and z. Component by component, the points'
+numbers stand side by side in whole lanes; only the first BENT components have a Gamma.
+"""
+
+from denoc_ros.kernels import layout as at_
+from denoc_ros.kernels.compiled import short_inlined, short_shared
+from denoc_ros.kernels.derivative_layout import LANES
+from denoc_ros.kernels.exponential import exponential_coefficients, square_plus
+from denoc_ros.kernels.handle import at
+from denoc_ros.kernels.lanes import plus_product, put_all, spread, take, total
+from denoc_ros.kernels.vector import accumulate, add, cross, dot, load, rotate, scale, store
+
+
+@short_inlined
+def first_mode(topology, i):
+    """Return the index of body i's first amplitude."""
+    return at(topology, i, at_.COORDINATE) + at(topology, i, at_.JOINT)
+
+
+@short_inlined
+def constants_of(topology, i):
+    """Return the offsets of e, r, Phi and Gamma of body i's points in constants."""
+    e = at(topology, i, at_.BEAM)
+    r = e + at(topology, i, at_.POINTS)
+    phi = r + 3 * at(topology, i, at_.POINTS)
+    return e, r, phi, phi + 3 * at(topology, i, at_.POINTS) * at(topology, i, at_.MODES)
+
+
+@short_inlined
+def work_of(topology, i):
+    """Return the offsets of p, B and the acceleration of body i's points in work."""
+    p = at(topology, i, at_.BEAM_WORK) + at(topology, i, at_.MODES)
+    columns = p + 3 * at(topology, i, at_.POINTS)
+    return p, columns, columns + 3 * at(topology, i, at_.POINTS) * at(topology, i, at_.MODES)
+
+
+@short_inlined
+def bent(constants, gamma, m, width, x, first):
+    """Return sum_k Gamma_jk x_k of some points, given the offset of Gamma_j1 there."""
+    found = spread(0.0)
+    for k in range(m):
+        found = plus_product(found, take(constants, gamma + width * k), spread(x[first + k]))
+    return found
+
+
+@short_inlined
+def bent_twice(constants, gamma, m, width, x, first):
+    """Return sum_jk Gamma_jk x_j x_k of some points, given the offset of Gamma_11 there."""
+    found = spread(0.0)
+    for j in range(m):
+        row = gamma + width * (m + 1) * j
+        more = bent(constants, row + width, m - 1 - j, width, x, first + j + 1)
+        own = take(constants, row) * x[first + j]
+        found = plus_product(found, own + 2.0 * more, spread(x[first + j]))
+    return found
+
+
+@short_inlined
+def product_sum(a, o, b, p, size):
+    """Return the sum of the products of so many numbers at offset o of a and p of b."""
+    found = spread(0.0)
+    for k in range(0, size, LANES):
+        found = plus_product(found, take(a, o + k), take(b, p + k))
+    return total(found)
+
+
+@short_shared
+def place_components(topology, constants, work, q, i):
+    """Place the points of body i and their columns B."""
+    m, width = at(topology, i, at_.MODES), 3 * at(topology, i, at_.POINTS)
+    drawn = at(topology, i, at_.BENT) * at(topology, i, at_.POINTS)
+    first = first_mode(topology, i)
+    _, r, phi, gamma = constants_of(topology, i)
+    p, columns, _ = work_of(topology, i)
+    for o in range(0, width, LANES):
+        place = take(constants, r + o)
+        for j in range(m):
+            column = take(constants, phi + width * j + o)
+            half = column
+            if o < drawn:
+                more = bent(constants, gamma + drawn * m * j + o, m, drawn, q, first)
+                column, half = column + more, column + 0.5 * more
+            put_all(work, columns + width * j + o, column)
+            place = plus_product(place, half, spread(q[first + j]))
+        put_all(work, p + o, place)
+
+
+@short_inlined
+def combination(work, columns, m, width, x, first):
+    """Return sum_j B_j x_j of some points, one component, given the offset of B_1 there."""
+    found = spread(0.0)
+    for j in range(m):
+        found = plus_product(found, take(work, columns + width * j), spread(x[first + j]))
+    return found
+
+
+@short_inlined
+def point_slip(topology, work, qd, i, o):
+    """Return B x of the points from o on, x the elements of qd."""
+    m, points = at(topology, i, at_.MODES), at(topology, i, at_.POINTS)
+    first = first_mode(topology, i)
+    _, columns, _ = work_of(topology, i)
+    columns += o
+    width = 3 * points
+    return (
+        combination(work, columns, m, width, qd, first),
+        combination(work, columns + points, m, width, qd, first),
+        combination(work, columns + 2 * points, m, width, qd, first),
+    )
+
+
+@short_inlined
+def point_bend(topology, constants, qd, i, o):
+    """Return B' d' of the points from o on."""
+    m, points = at(topology, i, at_.MODES), at(topology, i, at_.POINTS)
+    first = first_mode(topology, i)
+    count = at(topology, i, at_.BENT)
+    width = points * count
+    _, _, _, gamma = constants_of(topology, i)
+    gamma += o
+    x, y, z = spread(0.0), spread(0.0), spread(0.0)
+    if count > 0:
+        x = bent_twice(constants, gamma, m, width, qd, first)
+    if count > 1:
+        y = bent_twice(constants, gamma + points, m, width, qd, first)
+    if count > 2:
+        z = bent_twice(constants, gamma + 2 * points, m, width, qd, first)
+    return x, y, z
+
+
+@short_inlined
+def take_points(a, o, points):
+    """Return a vector of some points, whose components stand so many points apart."""
+    return take(a, o), take(a, o + points), take(a, o + 2 * points)
+
+
+@short_inlined
+def put_points(a, o, points, v):
+    """Write such a vector."""
+    put_all(a, o, v[0])
+    put_all(a, o + points, v[1])
+    put_all(a, o + 2 * points, v[2])
+
+
+@short_inlined
+def totals(v):
+    """Return the sums over the lanes of a vector."""
+    return total(v[0]), total(v[1]), total(v[2])
+
+
+@short_shared
+def component_wrench(topology, constants, work, qd, qdd, i):
+    """Add the wrench of body i's points and write its modal forces: sum [1; p x; B^T] acc."""
+    m, points = at(topology, i, at_.MODES), at(topology, i, at_.POINTS)
+    o = at(topology, i, at_.WORK)
+    w = load(work, o + at_.ANGULAR_VELOCITY)
+    a = load(work, o + at_.ACCELERATION)
+    al = load(work, o + at_.ANGULAR_ACCELERATION)
+    e, _, _, _ = constants_of(topology, i)
+    p, columns, accelerated = work_of(topology, i)
+    zero = spread(0.0)
+    force, torque = (zero, zero, zero), (zero, zero, zero)
+    for k in range(0, points, LANES):
+        one, place = take(constants, e + k), take_points(work, p + k, points)
+        slip = point_slip(topology, work, qd, i, k)
+        up = add(point_slip(topology, work, qdd, i, k), point_bend(topology, constants, qd, i, k))
+        acc = add(add(scale(one, a), cross(al, place)), up)
+        acc = add(acc, cross(w, add(cross(w, place), scale(2.0, slip))))
+        put_points(work, accelerated + k, points, acc)
+        force = add(force, scale(one, acc))
+        torque = add(torque, cross(place, acc))
+    accumulate(work, o + at_.FORCE, totals(force))
+    accumulate(work, o + at_.TORQUE, totals(torque))
+    for j in range(m):
+        work[at(topology, i, at_.BEAM_WORK) + j] = product_sum(
+            work, columns + 3 * points * j, work, accelerated, 3 * points
+        )
+
+
+@short_inlined
+def point_moments(topology, constants, work, i):
+    """Return mass, first moment and rotational inertia (6) of body i's points."""
+    points = at(topology, i, at_.POINTS)
+    e, _, _, _ = constants_of(topology, i)
+    p, _, _ = work_of(topology, i)
+    y, z = p + points, p + 2 * points
+    mass = product_sum(constants, e, constants, e, points)
+    moment = (
+        product_sum(constants, e, work, p, points),
+        product_sum(constants, e, work, y, points),
+        product_sum(constants, e, work, z, points),
+    )
+    xx = product_sum(work, p, work, p, points)
+    yy = product_sum(work, y, work, y, points)
+    zz = product_sum(work, z, work, z, points)
+    xy = product_sum(work, p, work, y, points)
+    xz = product_sum(work, p, work, z, points)
+    yz = product_sum(work, y, work, z, points)
+    return mass, moment, (yy + zz, -xy, -xz, xx + zz, -yz, xx + yy)
+
+
+@short_inlined
+def column_wrench(constants, e, a, p, b, column, points):
+    """Return sum [1; p x] v over the points of a vector v at offset column of b; p is in a."""
+    zero = spread(0.0)
+    force, torque = (zero, zero, zero), (zero, zero, zero)
+    for k in range(0, points, LANES):
+        v = take_points(b, column + k, points)
+        force = add(force, scale(take(constants, e + k), v))
+        torque = add(torque, cross(take_points(a, p + k, points), v))
+    return totals(force), totals(torque)
+
+
+@short_shared
+def component_inertia(topology, constants, work, i):
+    """Add sum C^T C with C = [1, -p x, B] of body i's points to its inertia."""
+    m, points = at(topology, i, at_.MODES), at(topology, i, at_.POINTS)
+    size, width = 6 + m, 3 * points
+    o = at(topology, i, at_.INERTIA_WORK)
+    e, _, _, _ = constants_of(topology, i)
+    p, columns, _ = work_of(topology, i)
+    mass, moment, spin = point_moments(topology, constants, work, i)
+    for n in range(3):
+        work[o + (size + 1) * n] += mass
+    x, y, z = moment
+    work[o + 4] += z
+    work[o + 5] -= y
+    work[o + size + 3] -= z
+    work[o + size + 5] += x
+    work[o + 2 * size + 3] += y
+    work[o + 2 * size + 4] -= x
+    k = o + 3 * size + 3
+    accumulate(work, k, (spin[0], spin[1], spin[2]))
+    work[k + size + 1] += spin[3]
+    work[k + size + 2] += spin[4]
+    work[k + 2 * size + 2] += spin[5]
+    for j in range(m):
+        column = columns + width * j
+        force, torque = column_wrench(constants, e, work, p, work, column, points)
+        for n in range(3):
+            work[o + size * n + 6 + j] += force[n]
+            work[o + size * (3 + n) + 6 + j] += torque[n]
+        for n in range(j + 1):
+            both = product_sum(work, columns + width * n, work, column, width)
+            work[o + (6 + n) * size + 6 + j] += both
+
+
+# sections: r (3), Phi (3 m), Theta (3 m), Gamma (3 m m), mode by mode
+
+
+@short_inlined
+def section_turn(topology, constants, i, j):
+    """Return the turn Theta_j at row i's section of mode j of its carrier."""
+    m = at(topology, at(topology, i, at_.PARENT), at_.MODES)
+    return load(constants, at(topology, i, at_.SECTION) + 3 + 3 * m + 3 * j)
+
+
+@short_inlined
+def section_bend(topology, constants, i, j, x):
+    """Return sum_k Gamma_jk x_k at row i's section, x in order of all coordinates."""
+    p = at(topology, i, at_.PARENT)
+    m, first = at(topology, p, at_.MODES), first_mode(topology, p)
+    gamma = at(topology, i, at_.SECTION) + 3 + 6 * m + 3 * m * j
+    found = (0.0, 0.0, 0.0)
+    for k in range(m):
+        found = add(found, scale(x[first + k], load(constants, gamma + 3 * k)))
+    return found
+
+
+@short_shared
+def component_section_rates(topology, constants, qd, i):
+    """Return phi' and B' d' of the section that carries row i."""
+    p = at(topology, i, at_.PARENT)
+    first = first_mode(topology, p)
+    rate, up = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    for j in range(at(topology, p, at_.MODES)):
+        rate = add(rate, scale(qd[first + j], section_turn(topology, constants, i, j)))
+        up = add(up, scale(qd[first + j], section_bend(topology, constants, i, j, qd)))
+    return rate, up
+
+
+@short_shared
+def place_component_section(topology, constants, work, q, i):
+    """Place the section that carries row i: position, rotation and the columns [B; J Theta]."""
+    p = at(topology, i, at_.PARENT)
+    m, first = at(topology, p, at_.MODES), first_mode(topology, p)
+    c, o = at(topology, i, at_.SECTION), at(topology, i, at_.SECTION_WORK)
+    place, phi = load(constants, c), (0.0, 0.0, 0.0)
+    for j in range(m):
+        column, d = load(constants, c + 3 + 3 * j), q[first + j]
+        more = section_bend(topology, constants, i, j, q)
+        place = add(place, scale(d, add(column, scale(0.5, more))))
+        phi = add(phi, scale(d, section_turn(topology, constants, i, j)))
+        store(work, o + at_.COLUMNS + 6 * j, add(column, more))
+    a, b, e, db, de = exponential_coefficients(dot(phi, phi))
+    store(work, o + at_.SECTION_POSITION, place)
+    store(work, o + at_.ROTATION_VECTOR, phi)
+    k = o + at_.COEFFICIENTS
+    work[k], work[k + 1], work[k + 2], work[k + 3] = b, e, db, de
+    turn = o + at_.SECTION_ROTATION
+    square_plus(b, e, phi, work, turn)
+    for j in range(m):
+        theta = section_turn(topology, constants, i, j)
+        store(work, o + at_.COLUMNS + 6 * j + 3, rotate(work, turn, theta))
+    square_plus(a, b, phi, work, turn)

@@ -1,0 +1,1 @@
+"""Flexible links from finite elements: mesh, matrices, modes, and the file of the link."""

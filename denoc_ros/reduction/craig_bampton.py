@@ -1,0 +1,376 @@
+"""Craig-Bampton reduction with rigid patches, and the modes of a link whose root is clamped.
+
+The body's rows are those of rigid patches, six coordinates each, and the rest. Static columns of
+the outer patches and modes with all patches clamped span the reduced space (Craig, Bampton, AIAA
+Journal 6, 1968); its eigenvectors with the root clamped are the link's modes. Static columns for
+forces at the outer frames take the places of the highest ones, so that sag is exact.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pymetis
+import scipy.linalg as dense
+import scipy.sparse as sparse
+import scipy.sparse.linalg as sparse_linalg
+
+from denoc_ros.errors import ModelError, SolverError
+from denoc_ros.reduction.body import FiniteElementBody, Patch, Rows
+from denoc_ros.types import Array
+
+Ties = Sequence[tuple[Rows, Array]]
+
+SPARE = 12  # modes with patches clamped beyond those kept: the kept ones are exact to 1e-4 or so
+LOST = 1e-3  # of a frame's largest compliance: more, and the direction has a static column
+HALVED = 300_000  # rows: more are factored in single precision
+REFINED, MOST_REFINED = 1e-12, 60  # residual, and steps to it
+RESIDUAL = 1e-6  # of a load, in its equation: beyond it the stiffness is singular
+SINGULAR = 1e-10  # of the largest stiffness of patches
+TOLERANCE = 1e-10  # of eigenvalues
+
+Report = Callable[[float], None]  # takes the share of the work that is done
+
+
+class Factor:
+    """Factor of a symmetric positive definite matrix (N, N), ordered by nested dissection.
+
+    Beyond HALVED rows it is of single precision, half the memory, and conjugate gradients refine
+    what it gives to double precision; slender bodies, for which that fails, have small factors.
+
+    Parameters
+    ----------
+    where : str
+        For errors.
+    matrix : sparse matrix
+    groups : ndarray (N,)
+        Rows with the same number, those of a node, stay together.
+
+    Raises
+    ------
+    ModelError
+        For a matrix that is singular.
+    """
+
+    def __init__(self, where: str, matrix: Any, groups: Rows) -> None:
+        self.where = where
+        self.matrix = matrix.tocsr()
+        self.order = _dissected(self.matrix, groups)
+        self.halved = matrix.shape[0] > HALVED
+        self.scale = np.ones(matrix.shape[0])
+        if self.halved:
+            self.scale = 1.0 / np.sqrt(np.maximum(self.matrix.diagonal(), 1e-300))
+        scale = sparse.diags_array(self.scale[self.order])
+        ordered = (scale @ self.matrix[self.order][:, self.order] @ scale).tocsc()
+        if self.halved:
+            ordered = ordered.astype(np.float32)
+        try:
+            self.factors = sparse_linalg.splu(
+                ordered,
+                permc_spec='NATURAL',
+                diag_pivot_thresh=0.0,
+                options={'SymmetricMode': True},
+            )
+        except RuntimeError as error:
+            raise ModelError(where, [_singular(str(error))]) from error
+        load = matrix @ np.random.default_rng(1).standard_normal(matrix.shape[0])
+        off = np.linalg.norm(matrix @ self.solve(load) - load) / np.linalg.norm(load)
+        if not off < RESIDUAL:
+            raise ModelError(where, [_singular(f'a residual of {off:.3g}')])
+
+    def solve(self, load: Array) -> Array:
+        """Return the solution (N,) or (N, k) under loads of the same shape."""
+        if not self.halved:
+            return self._substitute(load)
+        if load.ndim > 1:
+            return np.stack([self.solve(column) for column in load.T], axis=1)
+        shape = self.matrix.shape
+        nearly = sparse_linalg.LinearOperator(shape, self._substitute, dtype=np.float64)
+        found, failed = sparse_linalg.cg(
+            self.matrix, load, M=nearly, rtol=REFINED, maxiter=MOST_REFINED
+        )
+        if failed:
+            rule = f'single precision must do for {shape[0]} rows: use a larger edge'
+            raise SolverError(f'{self.where}: {rule}, got none in {MOST_REFINED} refinements')
+        return np.asarray(found)
+
+    def _substitute(self, load: Array) -> Array:
+        """Return what the factor gives for loads."""
+        scale = self.scale[self.order]
+        scale = scale if load.ndim == 1 else scale[:, None]
+        ordered = np.ascontiguousarray(scale * load[self.order])
+        if self.halved:
+            ordered = ordered.astype(np.float32)
+        found = np.empty_like(load, dtype=np.float64)
+        found[self.order] = scale * self.factors.solve(ordered)
+        return found
+
+    def modes(self, mass: Any, count: int) -> tuple[Array, Array]:
+        """Return the lowest eigenvalues (k,) and mass-orthonormal vectors (N, k)."""
+        size = self.matrix.shape[0]
+        count = min(count, size - 2)
+        if count < 1:
+            return np.zeros(0), np.zeros((size, 0))
+        inverse = sparse_linalg.LinearOperator((size, size), matvec=self.solve, dtype=np.float64)
+        start = np.random.default_rng(2).standard_normal(size)
+        try:
+            values, vectors = sparse_linalg.eigsh(
+                self.matrix, count, mass, sigma=0.0, OPinv=inverse, tol=TOLERANCE, v0=start
+            )
+        except sparse_linalg.ArpackError as error:
+            raise SolverError(f'{self.where}: modes must converge, got: {error}') from error
+        return values, vectors
+
+
+def _singular(got: str) -> str:
+    rule = 'stiffness must be positive definite with the patches clamped'
+    return f'{rule}, got {got}; are all parts joined, and no node without an element?'
+
+
+def _dissected(matrix: Any, groups: Rows) -> Rows:
+    """Return the order of rows that keeps a factor small: nested dissection of the nodes."""
+    names, group = np.unique(groups, return_inverse=True)
+    graph = matrix.tocoo()
+    pairs = sparse.coo_matrix(
+        (np.ones(graph.nnz, dtype=np.int8), (group[graph.row], group[graph.col])),
+        shape=(len(names), len(names)),
+    ).tocsr()
+    pairs.setdiag(0)
+    pairs.eliminate_zeros()
+    _, place = pymetis.nested_dissection(pymetis.CSRAdjacency(pairs.indptr, pairs.indices))
+    return np.argsort(np.asarray(place)[group], kind='stable')
+
+
+@dataclass(frozen=True)
+class Craigs:
+    """The reduced pair over the outer patches' coordinates and modes with patches clamped.
+
+    `static` (I, 6 F) and `clamped` (I, k): interior rows per coordinate; `stiffness` and `mass`
+    (6 F + k, 6 F + k).
+    """
+
+    body: FiniteElementBody
+    patches: Sequence[Patch]  # the root first
+    interior: Rows
+    ties: Ties  # rows of a patch, their motion (r, 6)
+    factor: Factor
+    static: Array
+    clamped: Array
+    stiffness: Array
+    mass: Array
+
+    @property
+    def outer(self) -> int:
+        """Number of coordinates of the outer patches, 6 F."""
+        return int(self.static.shape[1])
+
+    def expand(self, coordinates: Array) -> Array:
+        """Return values (N, m) of all rows from coordinates (6 F + k, m)."""
+        moved, local = coordinates[: self.outer], coordinates[self.outer :]
+        values = np.zeros((len(self.body.dof_nodes), coordinates.shape[1]))
+        values[self.interior] = self.static @ moved + self.clamped @ local
+        for k, (rows, motion) in enumerate(self.ties[1:]):
+            values[rows] = motion @ moved[6 * k : 6 * k + 6]
+        return values
+
+    def respond(self, load: Array, prescribed: Array) -> tuple[Array, Array]:
+        """Static displacement under a load, beside a prescribed one of the patches' rows.
+
+        Parameters
+        ----------
+        load, prescribed : ndarray (N,)
+            Forces on all rows; displacements of the patches' rows that come on top of the
+            patches' rigid motion, zero elsewhere.
+
+        Returns
+        -------
+        values : ndarray (N,)
+        moved : ndarray (6 F,)
+            Displacement and turn of each outer patch without what is prescribed.
+        """
+        load = load - self.body.stiffness @ prescribed
+        inner = self.factor.solve(load[self.interior])
+        force = np.zeros(self.outer)
+        for k, (rows, motion) in enumerate(self.ties[1:]):
+            force[6 * k : 6 * k + 6] = motion.T @ load[rows]
+        force += self.static.T @ load[self.interior]
+        moved = dense.solve(self.stiffness[: self.outer, : self.outer], force, assume_a='pos')
+        values = prescribed.copy()
+        values[self.interior] += inner + self.static @ moved
+        for k, (rows, motion) in enumerate(self.ties[1:]):
+            values[rows] += motion @ moved[6 * k : 6 * k + 6]
+        return values, moved
+
+
+def reduce_body(
+    body: FiniteElementBody, patches: Sequence[Patch], modes: int, report: Report
+) -> Craigs:
+    """Reduce a body to its outer patches and modes with all patches clamped.
+
+    Parameters
+    ----------
+    body : FiniteElementBody
+    patches : sequence of Patch
+        The root's first, at least one more.
+    modes : int
+        Modes of the link that will be kept.
+    report : callable
+        Takes the share of the work that is done.
+
+    Raises
+    ------
+    ModelError
+        For matrices that are no body's.
+    SolverError
+        If modes do not converge.
+    """
+    body.check()
+    ties = []
+    bound = np.zeros(len(body.dof_nodes), dtype=bool)
+    for patch in patches:
+        rows = np.flatnonzero(np.isin(body.dof_nodes, patch.nodes))
+        ties.append((rows, body.rigid(rows, patch.origin)))
+        bound[rows] = True
+    interior = np.flatnonzero(~bound)
+    stiffness, mass = body.stiffness[interior][:, interior], body.mass[interior][:, interior]
+    factor = Factor(body.where, stiffness, body.dof_nodes[interior])
+    report(0.5)
+    coupled = _projected(body.stiffness, interior, ties[1:])
+    coupled_mass = _projected(body.mass, interior, ties[1:])
+    static = -factor.solve(coupled)
+    report(0.6)
+    values, clamped = factor.modes(mass, modes + SPARE)
+    report(0.9)
+    if len(values) and not values[0] > 0.0:
+        raise ModelError(body.where, [_singular(f'an eigenvalue of {values[0]:.3g}')])
+    moved = mass @ static
+    outer_mass = (
+        _outer(body.mass, ties[1:])
+        + static.T @ moved
+        + coupled_mass.T @ static
+        + static.T @ coupled_mass
+    )
+    outer_stiffness = _outer(body.stiffness, ties[1:]) + coupled.T @ static
+    lowest, *_, highest = np.linalg.eigvalsh(_balanced(outer_stiffness))
+    if not lowest > SINGULAR * highest:
+        raise ModelError(body.where, [_singular('an outer frame that nothing holds')])
+    between = clamped.T @ (moved + coupled_mass)
+    zero = np.zeros_like(between)
+    return Craigs(
+        body,
+        patches,
+        interior,
+        ties,
+        factor,
+        static,
+        clamped,
+        np.block([[outer_stiffness, zero.T], [zero, np.diag(values)]]),
+        np.block([[outer_mass, between.T], [between, np.eye(len(values))]]),
+    )
+
+
+def _balanced(matrix: Any) -> Array:
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(matrix), 1e-300))
+    return np.asarray(scale[:, None] * matrix * scale)
+
+
+def _projected(matrix: Any, rows: Rows, ties: Ties) -> Array:
+    """Return what the patches' coordinates do to rows, (r, 6 F)."""
+    below = matrix[rows]
+    return np.hstack([below[:, columns] @ motion for columns, motion in ties])
+
+
+def _outer(matrix: Any, ties: Ties) -> Array:
+    """Return a matrix over the patches' coordinates, (6 F, 6 F)."""
+    return np.vstack([motion.T @ _projected(matrix, rows, ties) for rows, motion in ties])
+
+
+@dataclass(frozen=True)
+class LinkModes:
+    """The link's modes, mass-orthonormal, root clamped.
+
+    `coordinates` (6 F + k, m) of the reduced space; `stiffness` (m,) [rad^2/s^2];
+    `left_out` [Hz] the next eigenfrequencies; `static` which loads have a column of their own;
+    `lost` per outer frame (6,): percent of its static compliance that the modes lack.
+    """
+
+    coordinates: Array
+    stiffness: Array
+    left_out: Array
+    static: Sequence[str]
+    lost: Mapping[str, Array]
+
+    @property
+    def frequencies(self) -> Array:
+        """Natural frequencies (m,) [Hz], root clamped."""
+        return np.asarray(np.sqrt(self.stiffness) / (2.0 * np.pi))
+
+
+def link_modes(craigs: Craigs, count: int, tip_mass: Mapping[str, float]) -> LinkModes:
+    """Choose the modes of a link whose root is clamped.
+
+    Parameters
+    ----------
+    craigs : Craigs
+    count : int
+        Number of modes m.
+    tip_mass : mapping of str to float
+        Masses [kg] at outer frames that the eigenvectors are those of, points there.
+
+    Raises
+    ------
+    ModelError
+        If there are not as many modes.
+    """
+    outer, size = craigs.outer, len(craigs.stiffness)
+    if count > size:
+        rule = f'modes must be at most {size}, those that the mesh has'
+        raise ModelError(craigs.body.where, [f'{rule}, got {count}'])
+    loaded = craigs.mass.copy()
+    frames = [patch.name for patch in craigs.patches[1:]]
+    for k, name in enumerate(frames):
+        at = slice(6 * k, 6 * k + 3)
+        loaded[at, at] += tip_mass.get(name, 0.0) * np.eye(3)
+    values, vectors = dense.eigh(craigs.stiffness, loaded)
+    compliance = np.linalg.inv(craigs.stiffness[:outer, :outer])
+    wanted: list[int] = []
+    for kept in range(count, 0, -1):
+        wanted = _static_loads(compliance, vectors[:outer, :kept], values[:kept])[: count - 1]
+        if kept + len(wanted) <= count:
+            break
+    columns = np.zeros((size, len(wanted)))
+    columns[:outer] = compliance[:, wanted]
+    basis = np.hstack([vectors[:, : count - len(wanted)], columns])
+    basis /= np.sqrt(np.einsum('ij,ij->j', basis, craigs.mass @ basis))
+    stiffness, turned = dense.eigh(
+        basis.T @ craigs.stiffness @ basis, basis.T @ craigs.mass @ basis
+    )
+    coordinates = basis @ turned
+    found = coordinates[:outer]
+    diagonal = np.diag(compliance)
+    lost = 1.0 - np.einsum('im,im,m->i', found, found, 1.0 / stiffness) / diagonal
+    own = dense.eigh(craigs.stiffness, craigs.mass, eigvals_only=True)
+    return LinkModes(
+        coordinates,
+        stiffness,
+        np.sqrt(own[count : count + 3]) / (2.0 * np.pi),
+        [f'{frames[load // 6]}/{"xyz"[load % 6]}' for load in wanted],
+        {name: 100.0 * np.maximum(lost[6 * k : 6 * k + 6], 0.0) for k, name in enumerate(frames)},
+    )
+
+
+def _static_loads(compliance: Any, vectors: Any, values: Any) -> list[int]:
+    """Return the forces at frames whose sag the modes alone would not give, worst first."""
+    lost = np.diag(compliance) - np.einsum('im,im,m->i', vectors, vectors, 1.0 / values)
+    found = []
+    for frame in range(0, len(lost), 6):
+        largest = float(np.diag(compliance)[frame : frame + 3].max())
+        found += [
+            (float(lost[load]) / largest, load)
+            for load in range(frame, frame + 3)
+            if lost[load] > LOST * largest
+        ]
+    return [load for _, load in sorted(found, reverse=True)]

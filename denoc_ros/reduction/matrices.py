@@ -1,0 +1,368 @@
+"""Mass and stiffness matrices of other programs, with their nodes.
+
+`.npz`: ours, with `nodes` (n, 3), and `stiffness` and `mass`, dense or as `stiffness/row`,
+`stiffness/column`, `stiffness/value`; rows are x, y, z of each node, or six of each node.
+`.mtx`: MatrixMarket (Ansys writes it: `*EXPORT, …, MMF`), rows as before; or Abaqus' `*MATRIX
+GENERATE`, which says node and direction of each entry.
+`.sti`, `.mas`, `.dof`: CalculiX, `*FREQUENCY, SOLVER=MATRIXSTORAGE`.
+`.op4`: Nastran, by pyyeti; rows are six of each node, in the order of the nodes' numbers.
+
+Numbers only are read: nothing in a file is ever executed.
+"""
+
+from __future__ import annotations
+
+import zipfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import scipy.io
+import scipy.sparse as sparse
+from numpy.typing import NDArray
+
+from denoc_ros.errors import ModelError
+from denoc_ros.reduction.body import FiniteElementBody
+from denoc_ros.types import Array
+
+FORMATS = ('.npz', '.mtx', '.sti', '.op4')
+MOST_BYTES = 4 << 30  # of a file, or of the arrays of an archive
+MARKET = b'%%MatrixMarket'
+Rows = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class _Nodes:
+    """Numbers (n,) and places (n, 3) of nodes."""
+
+    numbers: Rows
+    places: Array
+
+
+def read_matrices(
+    stiffness: Path, mass: str | None, nodes: str | None, scale: float = 1.0
+) -> FiniteElementBody:
+    """Read a body from matrices, in the link frame.
+
+    Parameters
+    ----------
+    stiffness : Path
+        The stiffness matrix, or an archive with all.
+    mass, nodes : str, optional
+        Files with the mass matrix and the nodes; default: those beside the first, or in it.
+    scale : float
+        Metres per unit of length of the file, whose forces are in N and times in s: of a file in
+        mm, N and s the stiffness is in N/mm and the mass in t.
+
+    Raises
+    ------
+    ModelError
+        For what a file lacks, and for what is no matrix.
+    """
+    suffix = stiffness.suffix.lower()
+    reader: dict[str, Callable[..., FiniteElementBody]] = {
+        '.npz': _read_archive,
+        '.mtx': _read_text,
+        '.sti': _read_calculix,
+        '.op4': _read_nastran,
+    }
+    for file in (stiffness, *(Path(name) for name in (mass, nodes) if name)):
+        if not file.is_file():
+            raise ModelError(str(file), ['the file must exist, got none of this name'])
+        if file.stat().st_size > MOST_BYTES:
+            got = f'{file.stat().st_size / 2**30:.1f}'
+            raise ModelError(str(file), [f'the file must have at most 4 GB, got {got}'])
+    body = reader[suffix](stiffness, mass and Path(mass), nodes and Path(nodes))
+    return body if scale == 1.0 else _scaled(body, scale)
+
+
+def _scaled(body: FiniteElementBody, scale: float) -> FiniteElementBody:
+    """Return a body whose lengths are scaled to metres, forces in N and times in s as they are.
+
+    Mass is force times time squared over length: kg = t * 1000 for mm.
+    """
+    inverse = sparse.diags_array(np.where(body.dof_axes < 3, 1.0 / scale, 1.0))
+    # energies are forces times lengths: scaled too
+    stiffness = scale * (inverse @ body.stiffness @ inverse)
+    mass = scale * (inverse @ body.mass @ inverse)
+    return FiniteElementBody(
+        body.where,
+        scale * body.nodes,
+        stiffness.tocsr(),
+        mass.tocsr(),
+        body.dof_nodes,
+        body.dof_axes,
+    )
+
+
+def _lacks(file: Path, what: str, way: str) -> ModelError:
+    return ModelError(str(file), [f'{what} must be given, got none: {way}'])
+
+
+def _whole(where: str, nodes: Array, stiffness: Any, mass: Any) -> FiniteElementBody:
+    """Return a body whose rows are three or six per node, node by node."""
+    count, size = len(nodes), stiffness.shape[0]
+    for per in (3, 6):
+        if size == per * count:
+            rows = np.arange(size)
+            return _trimmed(
+                FiniteElementBody(where, nodes, stiffness, mass, rows // per, rows % per)
+            )
+    rule = f'stiffness must have 3 or 6 rows for each of {count} nodes'
+    raise ModelError(where, [f'{rule}, got {size}'])
+
+
+def _trimmed(body: FiniteElementBody) -> FiniteElementBody:
+    """Return a body without turns that have no stiffness, as solids of six rows per node have."""
+    body = _as_csr(body)
+    if body.stiffness.shape != body.mass.shape:
+        body.check()
+    held = (body.dof_axes < 3) | (np.asarray(abs(body.stiffness).sum(axis=1)).ravel() > 0.0)
+    kept = np.flatnonzero(held)
+    return FiniteElementBody(
+        body.where,
+        body.nodes,
+        body.stiffness[kept][:, kept],
+        body.mass[kept][:, kept],
+        body.dof_nodes[kept],
+        body.dof_axes[kept],
+    )
+
+
+def _as_csr(body: FiniteElementBody) -> FiniteElementBody:
+    stiffness, mass = (sparse.csr_matrix(m, dtype=np.float64) for m in (body.stiffness, body.mass))
+    return FiniteElementBody(
+        body.where, body.nodes, stiffness, mass, body.dof_nodes, body.dof_axes
+    )
+
+
+def _read_archive(file: Path, mass: Path | None, nodes: Path | None) -> FiniteElementBody:
+    arrays = _arrays(file)
+    places = _node_table(nodes).places if nodes else arrays.get('nodes')
+    if places is None:
+        raise _lacks(file, "array 'nodes' (n, 3)", 'add it, or --nodes FILE')
+    if places.ndim != 2 or places.shape[1] != 3 or places.dtype.kind not in 'fiu':
+        raise ModelError(str(file), [f"array 'nodes' must be (n, 3), got {places.shape}"])
+    matrices = []
+    for name in ('stiffness', 'mass'):
+        source, held = (mass, _arrays(mass)) if name == 'mass' and mass else (file, arrays)
+        matrices.append(_matrix(source, held, name))
+    return _whole(str(file), np.asarray(places, dtype=np.float64), *matrices)
+
+
+def _arrays(file: Path) -> dict[str, NDArray[Any]]:
+    """Return the arrays of an archive; ModelError for one that is torn, too large or pickled."""
+    where = str(file)
+    try:
+        with zipfile.ZipFile(file) as archive:
+            size = sum(member.file_size for member in archive.infolist())
+        if size > MOST_BYTES:
+            rule = f'arrays must have at most {MOST_BYTES >> 30} GB'
+            raise ModelError(where, [f'{rule}, got {size / 2**30:.1f}'])
+        with np.load(file, allow_pickle=False) as held:
+            return {name: held[name] for name in held.files}
+    except (zipfile.BadZipFile, ValueError, EOFError, OSError, KeyError) as error:
+        got = str(error).splitlines()[0] if str(error) else 'less'
+        raise ModelError(where, [f'file must be a whole .npz of numbers, got: {got}']) from error
+
+
+def _matrix(file: Path, arrays: dict[str, NDArray[Any]], name: str) -> Any:
+    """Return a matrix of an archive: dense, as triples, or as `scipy.sparse.save_npz` has it."""
+    try:
+        if name in arrays:
+            return sparse.csr_matrix(np.asarray(arrays[name], dtype=np.float64))
+        if f'{name}/value' in arrays:
+            triple = (arrays[f'{name}/{part}'] for part in ('value', 'row', 'column'))
+            value, row, column = (part.ravel() for part in triple)
+            return sparse.coo_matrix((value.astype(np.float64), (row, column))).tocsr()
+        if {'indptr', 'indices', 'data', 'shape'} <= set(arrays):
+            kinds = {'csr': sparse.csr_matrix, 'csc': sparse.csc_matrix}
+            kind = kinds[np.asarray(arrays.get('format', 'csr')).item().decode()]
+            parts = (arrays['data'], arrays['indices'], arrays['indptr'])
+            return kind(parts, shape=tuple(arrays['shape'])).tocsr()
+    except (ValueError, TypeError, KeyError, AttributeError) as error:
+        raise ModelError(str(file), [f'{name} must be a sparse matrix, got: {error}']) from error
+    way = f"add the array '{name}'" + ('' if name == 'stiffness' else ', or --mass-matrix FILE')
+    raise _lacks(file, f'{name} matrix', way)
+
+
+def _read_text(file: Path, mass: Path | None, nodes: Path | None) -> FiniteElementBody:
+    if mass is None:
+        raise _lacks(file, 'mass matrix', '--mass-matrix FILE')
+    if nodes is None:
+        raise _lacks(file, 'nodes', '--nodes FILE with number, x, y, z, or the input file')
+    table = _node_table(nodes)
+    with file.open('rb') as opened:
+        if opened.read(len(MARKET)) == MARKET:
+            return _whole(str(file), table.places, _market(file), _market(mass))
+    return _read_abaqus(file, mass, table)
+
+
+def _market(file: Path) -> Any:
+    try:
+        return sparse.csr_matrix(scipy.io.mmread(file), dtype=np.float64)
+    except (ValueError, TypeError, OSError, EOFError, OverflowError) as error:
+        rule = 'the file must be a whole MatrixMarket matrix'
+        raise ModelError(str(file), [f'{rule}, got: {error}']) from error
+
+
+def _read_abaqus(file: Path, mass: Path, table: _Nodes) -> FiniteElementBody:
+    """Return a body of node, direction, node, direction, value; one triangle of each matrix."""
+    entries = [_table(each, 5) for each in (file, mass)]
+    order = {int(number): k for k, number in enumerate(table.numbers)}
+    ends = np.vstack([e[:, part] for e in entries for part in (slice(0, 2), slice(2, 4))])
+    keys = [(int(node), int(direction)) for node, direction in np.unique(ends, axis=0)]
+    unknown = [node for node, _ in keys if node not in order]
+    if unknown:
+        rule = 'each node must be in the table of nodes'
+        raise ModelError(str(file), [f'{rule}, got node {unknown[0]}, which is not'])
+    if any(not 1 <= direction <= 6 for _, direction in keys):
+        raise ModelError(str(file), ['directions must be 1 to 6, got others'])
+    row = {key: k for k, key in enumerate(keys)}
+    both = []
+    for e in entries:
+        first = [row[int(n), int(d)] for n, d in e[:, :2]]
+        second = [row[int(n), int(d)] for n, d in e[:, 2:4]]
+        both.append(_both_triangles(np.array(first), np.array(second), e[:, 4], len(keys)))
+    used = sorted({node for node, _ in keys}, key=order.__getitem__)
+    place = {node: k for k, node in enumerate(used)}
+    return _trimmed(
+        FiniteElementBody(
+            str(file),
+            table.places[[order[node] for node in used]],
+            both[0],
+            both[1],
+            np.array([place[node] for node, _ in keys]),
+            np.array([direction - 1 for _, direction in keys]),
+        )
+    )
+
+
+def _both_triangles(row: Rows, column: Rows, value: Array, size: int) -> Any:
+    """Return a symmetric matrix from one triangle, or from both as they stand."""
+    matrix = sparse.coo_matrix((value, (row, column)), shape=(size, size)).tocsr()
+    if (row > column).any() and (row < column).any():
+        mirrored = sparse.coo_matrix((value, (column, row)), shape=(size, size)).tocsr()
+        if abs(matrix - mirrored).max() <= 1e-6 * abs(matrix).max():
+            return matrix
+    return matrix + matrix.T - sparse.diags_array(matrix.diagonal(), format='csr')
+
+
+def _read_calculix(file: Path, mass: Path | None, nodes: Path | None) -> FiniteElementBody:
+    mass = mass or file.with_suffix('.mas')
+    directions = file.with_suffix('.dof')
+    for each, what in ((mass, 'mass matrix'), (directions, 'list of rows')):
+        if not each.is_file():
+            raise _lacks(file, what, f'{each.name} must stand beside it')
+    nodes = nodes or file.with_suffix('.inp')
+    if not nodes.is_file():
+        raise _lacks(file, 'nodes', '--nodes FILE with number, x, y, z, or the input file')
+    table = _node_table(nodes)
+    try:
+        text = directions.read_text(encoding='ascii').split()
+        pairs = [(int(each.split('.')[0]), int(each.split('.')[1])) for each in text]
+    except (ValueError, IndexError) as error:
+        rule = 'each line must be NODE.DIRECTION'
+        raise ModelError(str(directions), [f'{rule}, got: {error}']) from error
+    both, size = [], len(pairs)
+    for each in (file, mass):
+        entries = _table(each, 3)
+        row, column = (entries[:, k].astype(np.int64) - 1 for k in (0, 1))
+        if entries[:, :2].min() < 1 or entries[:, :2].max() > size:
+            rule = f'rows must be 1 to {size}, those of {directions.name}'
+            raise ModelError(str(each), [f'{rule}, got others'])
+        both.append(_both_triangles(row, column, entries[:, 2], size))
+    order = {int(number): k for k, number in enumerate(table.numbers)}
+    unknown = [node for node, _ in pairs if node not in order]
+    if unknown:
+        rule = 'each node must be in the table of nodes'
+        raise ModelError(str(directions), [f'{rule}, got node {unknown[0]}, which is not'])
+    used = sorted({node for node, _ in pairs}, key=order.__getitem__)
+    place = {node: k for k, node in enumerate(used)}
+    at = np.array([place[node] for node, _ in pairs], dtype=np.int64)
+    axes = np.array([direction - 1 for _, direction in pairs], dtype=np.int64)
+    return _trimmed(
+        FiniteElementBody(
+            str(file), table.places[[order[node] for node in used]], both[0], both[1], at, axes
+        )
+    )
+
+
+def _read_nastran(file: Path, mass: Path | None, nodes: Path | None) -> FiniteElementBody:
+    if nodes is None:
+        raise _lacks(file, 'nodes', '--nodes FILE with number, x, y, z')
+    found = _op4(file)
+    if mass is not None:
+        found |= _op4(mass)
+    both = []
+    for name, first in (('stiffness', 'K'), ('mass', 'M')):
+        names = [each for each in found if each.upper().startswith(first)]
+        if len(names) != 1:
+            rule = f'one matrix must be the {name}, named {first}…'
+            raise ModelError(str(file), [f'{rule}, got {", ".join(found) or "none"}'])
+        both.append(found[names[0]])
+    table = _node_table(nodes)
+    order = np.argsort(table.numbers)
+    return _whole(str(file), table.places[order], *both)
+
+
+def _op4(file: Path) -> dict[str, Any]:
+    try:
+        from pyyeti.nastran import op4
+    except ImportError as error:
+        rule = "Nastran's files must be read with pyyeti: pip install 'denoc_ros[nastran]'"
+        raise ModelError(str(file), [f'{rule}, got: {error}']) from error
+    try:
+        found = op4.read(str(file), sparse=True)
+    except Exception as error:  # torn files end in errors of many kinds
+        got = str(error) or type(error).__name__
+        rule = 'the file must be a whole output4 file'
+        raise ModelError(str(file), [f'{rule}, got: {got}']) from error
+    return {str(name): matrix for name, matrix in found.items()}
+
+
+def _table(file: Path, columns: int) -> Array:
+    """Return numbers of a text, a row per line; comments begin with * or #."""
+    try:
+        rows = [
+            [float(part) for part in line.replace(',', ' ').split()]
+            for line in file.read_text(encoding='ascii').splitlines()
+            if line.strip() and line.lstrip()[0] not in '*#'
+        ]
+        table = np.array([row[:columns] for row in rows if len(row) >= columns])
+    except (ValueError, OSError) as error:
+        rule = f'the file must have lines of {columns} numbers'
+        raise ModelError(str(file), [f'{rule}, got: {error}']) from error
+    short = sum(len(row) < columns for row in rows)
+    if short or not len(rows):
+        rule = f'each line must have {columns} numbers'
+        got = f'{short} shorter ones' if rows else 'no lines'
+        raise ModelError(str(file), [f'{rule}, got {got}'])
+    return table
+
+
+def _node_table(file: Path) -> _Nodes:
+    """Return nodes from a table of number, x, y, z, or from `*NODE` of an input file."""
+    if file.suffix.lower() == '.inp':
+        inside, lines = False, []
+        for line in file.read_text(encoding='latin-1').splitlines():
+            if line.startswith('*'):
+                word = line.split(',')[0].strip().upper()
+                inside = word == '*NODE' or (inside and line.startswith('**'))
+            elif inside and line.strip():
+                lines.append(line)
+        try:
+            table = np.array([[float(p) for p in line.split(',')[:4]] for line in lines])
+        except ValueError as error:
+            rule = 'lines of *NODE must be number, x, y, z'
+            raise ModelError(str(file), [f'{rule}, got: {error}']) from error
+    else:
+        table = _table(file, 4)
+    if table.ndim != 2 or table.shape[1] != 4 or not np.isfinite(table).all():
+        raise ModelError(str(file), ['nodes must be number, x, y, z each, got others'])
+    numbers = table[:, 0].astype(np.int64)
+    if len(np.unique(numbers)) < len(numbers):
+        raise ModelError(str(file), ['numbers of nodes must differ, got one twice'])
+    return _Nodes(numbers, table[:, 1:])

@@ -1,0 +1,147 @@
+"""Minimum time along a path: against TOPP-RA, and the limits of flexible robots."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import toppra
+from control_runs import ROBOTS, cycloid
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+from toppra import algorithm, constraint
+
+import denoc_ros as dn
+from denoc_ros.control.limit_rows import LimitRows, Moments, motion_limits
+from denoc_ros.control.timing import Timing, TimingBasis
+
+Array = NDArray[np.float64]
+TIMES = np.linspace(0.0, 10.0, 201)
+CANADARM = cycloid(np.radians([10.0, 40.0, 30.0]), np.radians([60.0, 45.0, 30.0]), 10.0)
+EFFORT = {'joint_1': 1500.0, 'joint_2': 700.0, 'joint_3': 180.0}
+SHARES = np.array([0.4, 0.5, 0.5, 0.1, 0.1, 0.1])  # of the UR10's efforts
+
+
+@pytest.fixture(scope='module')
+def canadarm() -> dn.Robot:
+    return dn.load_robot(ROBOTS / 'canadarm.urdf', gravity=(0, 0, 0))
+
+
+@pytest.fixture(scope='module')
+def plan(canadarm: dn.Robot) -> dn.Plan:
+    return dn.shape_motion(canadarm, TIMES, CANADARM(TIMES), effort=EFFORT, time='minimum')
+
+
+def test_a_rigid_robot_takes_the_time_of_toppra() -> None:
+    robot = dn.load_robot(ROBOTS / 'ur10.urdf')
+    joints = [body.joint for body in robot.tree.bodies if body.joint is not None]
+    effort = SHARES * [joint.limits.effort for joint in joints]
+    velocity = np.array([joint.limits.velocity for joint in joints])
+    way = np.random.default_rng(2).uniform(-1.0, 1.0, (5, 6))
+    share = cycloid(np.zeros(1), np.ones(1), 10.0)(TIMES)[:, 0]
+    path = CubicSpline(np.linspace(0.0, 1.0, 5), way)
+    plan = dn.shape_motion(robot, TIMES, path(share), effort=effort, time='minimum')
+    limits = [
+        constraint.JointVelocityConstraint(np.stack([-velocity, velocity], 1)),
+        constraint.JointTorqueConstraint(
+            robot.inverse_dynamics,
+            np.stack([-effort, effort], 1),
+            np.zeros(6),
+            discretization_scheme=constraint.DiscretizationType.Interpolation,
+        ),
+    ]
+    theirs = algorithm.TOPPRA(
+        limits, toppra.SplineInterpolator(np.linspace(0.0, 1.0, 5), way), np.linspace(0, 1, 301)
+    ).compute_trajectory(0, 0)
+    assert plan.t[-1] == pytest.approx(theirs.duration, rel=0.01)
+    assert (np.abs(plan.torque) <= 1.001 * effort).all()
+    assert (np.abs(plan.qd) <= 1.001 * velocity).all()
+
+
+def test_a_flexible_arm_is_a_fifth_faster_than_stretched_as_a_whole(
+    canadarm: dn.Robot, plan: dn.Plan
+) -> None:
+    stretched = dn.shape_motion(canadarm, TIMES, CANADARM(TIMES), effort=EFFORT)
+    assert plan.stretch < 0.82 * stretched.stretch
+    assert (np.abs(plan.torque) <= 1.001 * np.array(list(EFFORT.values()))).all()
+    assert plan.tip_error.max() < 5e-5
+    assert np.abs(plan.qd[[0, -1]]).max() < 1e-15
+
+
+def test_what_binds_and_what_it_gains_is_told(canadarm: dn.Robot, plan: dn.Plan) -> None:
+    assert plan.limits is not None
+    assert {'effort joint_1', 'effort joint_2'} <= set(plan.limits.binding())
+    # without gravity all efforts k times larger make it sqrt(k) times faster, but for the links
+    assert sum(plan.limits.gains.values()) == pytest.approx(0.005, rel=0.2)
+    more = {name: 1.05 * effort for name, effort in EFFORT.items()}
+    faster = dn.shape_motion(
+        canadarm, TIMES, CANADARM(TIMES), effort=more, time='minimum', near=plan
+    )
+    gained = 1.0 - faster.stretch / plan.stretch
+    assert gained == pytest.approx(5.0 * sum(plan.limits.gains.values()), rel=0.35)
+
+
+def test_the_best_plan_so_far_is_returned_when_asked_to_stop(canadarm: dn.Robot) -> None:
+    asked: list[int] = []
+
+    def stop() -> bool:
+        asked.append(0)
+        return len(asked) > 2
+
+    found = dn.shape_motion(
+        canadarm, TIMES, CANADARM(TIMES), effort=EFFORT, time='minimum', cancel=stop
+    )
+    assert found.limits is not None
+    assert not found.limits.settled
+    assert max(found.limits.largest.values()) <= 1.001
+
+
+def test_limits_that_cannot_be_kept_or_do_not_bind_are_errors(canadarm: dn.Robot) -> None:
+    robot = dn.load_robot(ROBOTS / 'two_link_ff.urdf', gravity=(0, -9.81, 0))
+    way = cycloid(np.array([0.3, 0.6]), np.array([0.8, 1.0]), 10.0)(TIMES)
+    with pytest.raises(dn.SolverError, match='joint_1 must keep its limit of effort at rest'):
+        dn.shape_motion(robot, TIMES, way, effort=20.0, time='minimum')
+    with pytest.raises(dn.StateError, match='minimum time needs a limit'):
+        dn.shape_motion(
+            canadarm, TIMES, CANADARM(TIMES), time='minimum', velocity=np.inf, effort=np.inf
+        )
+    for bad in (0.0, np.nan):
+        with pytest.raises(dn.StateError, match='effort must be > 0'):
+            dn.shape_motion(canadarm, TIMES, CANADARM(TIMES), effort=bad, time='minimum')
+    with pytest.raises(dn.StateError, match=r'strain .* must come with a <section>'):
+        dn.shape_motion(canadarm, TIMES, CANADARM(TIMES), strain=1e-3, time='minimum')
+
+
+def test_times_of_stations_have_their_derivatives() -> None:
+    basis = TimingBasis.spline(2.0, lambda t: np.sin(0.5 * np.pi * t) ** 2, 6)
+    c = np.linspace(1.0, 2.0, basis.design.shape[1])
+    change = 1e-5 * np.cos(np.arange(len(c)))
+    apart = Timing(basis, c + change).t - Timing(basis, c - change).t
+    np.testing.assert_allclose(
+        0.5 * apart, Timing(basis, c).by_coefficients @ change, rtol=1e-6, atol=1e-12
+    )
+
+
+def test_limit_rows_have_their_derivatives(canadarm: dn.Robot) -> None:
+    names = ('velocity', 'acceleration', 'jerk', 'effort', 'effort_rate')
+    beyond = {
+        'moment': 100.0,
+        'deflection': 0.1,
+        'tip_speed': 1.0,
+        'tip_acceleration': 1.0,
+        'power': 50.0,
+    }
+    limits = motion_limits(canadarm, dict.fromkeys(names, 2.0), beyond)
+    rows = LimitRows(canadarm, canadarm.joint_indices, ('tool',), limits)
+    random = np.random.default_rng(0)
+    t = np.linspace(0.0, 1.0, 30)[:, None]
+    wave = np.sin(3.0 * t + random.uniform(size=canadarm.n)) ** 2
+    at = Moments(wave, 0.3 + wave**2, wave - 0.5, 4.0 * wave[:, :3] - 1.0)
+    by = Moments(*(random.normal(size=(*part.shape, 1)) for part in at))
+    step = 1e-6
+    ahead, behind = (
+        Moments(*(part + s * step * d[..., 0] for part, d in zip(at, by, strict=True)))
+        for s in (1.0, -1.0)
+    )
+    expected = (rows.values(ahead, 0.04) - rows.values(behind, 0.04)) / (2.0 * step)
+    found = rows.changes(at, 0.04, by)[..., 0]
+    np.testing.assert_allclose(found, expected, rtol=1e-4, atol=1e-5)
