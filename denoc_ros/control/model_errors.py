@@ -13,7 +13,7 @@ from denoc_ros.control.grid import differences
 from denoc_ros.control.planned_states import PlannedMotion, Row
 from denoc_ros.control.rest import rest_posture
 from denoc_ros.control.targets import Target
-from denoc_ros.control.tip import DRAW, LONGEST_STEP, NODES, SMOOTH, TURN
+from denoc_ros.control.tip_grid import DRAW, LONGEST_STEP, NODES, SMOOTH, TURN
 from denoc_ros.control.tip_problem import TipProblem
 from denoc_ros.control.tip_solver import settle
 from denoc_ros.dynamics.measured_side import MeasuredStates
