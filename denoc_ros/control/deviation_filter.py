@@ -145,20 +145,18 @@ class DeviationFilter:
         y = self.state[: self._deviations]
         if self.errors is None:
             return y
-        changed = self.errors.state(self.time, self.errors.used)
-        return np.asarray(y - changed - self.errors.doubtful()[: self._deviations])
+        return np.asarray(y - self.errors.state(self.time))
 
     def joint_deviations(self) -> Array:
         """Return those of the measured joints and their rates (2 joints,), from the same plan."""
         if self.errors is None:
             return self.joints
-        changed = self.errors.state(self.time, self.errors.used)
-        return np.asarray(self.joints - self._rows[: 2 * self._k] @ changed)
+        return np.asarray(self.joints - self._rows[: 2 * self._k] @ self.errors.state(self.time))
 
-    def follow(self, time: float, q: Array, qd: Array) -> None:
-        """Take the plan's coordinates and rates (n,) at a time of the loop's clock [s].
+    def follow(self, time: float, q: Array, qd: Array, qdd: Array | None = None) -> None:
+        """Take the plan's coordinates, rates and accelerations (n,) at a time of the clock [s].
 
-        Of the robot with all its springs.
+        Of the robot with all its springs. Without accelerations, beams' sensors read shapes.
         """
         if len(self._plan) and time <= self._plan.last:
             return
@@ -167,9 +165,9 @@ class DeviationFilter:
         self._states.positions(q, expected[:k])
         self._states.positions(qd, expected[k : 2 * k])
         if self._turning:
-            expected[2 * k :] = self._robot.sensor_values(q, qd)[self._places]
+            expected[2 * k :] = self._robot.sensor_values(q, qd, qdd)[self._places]
         elif len(self._sensors):
-            expected[2 * k :] = self._robot.beam_sensor_values(q)[self._sensors]
+            expected[2 * k :] = self._robot.beam_sensor_values(q, qd, qdd)[self._sensors]
 
     def take_joints(self, stamp: float, q: Array, qd: Array | None) -> None:
         """Take measured positions (joints,) and, if known, rates of a time [s]."""
@@ -202,8 +200,6 @@ class DeviationFilter:
         ]
         for stamp, sample, at in groups:
             plan = self._plan.at(stamp)
-            if self.errors is not None:
-                plan = plan + self.errors.measured(self.time + stamp - now)
             innovation[at] = self._values[at] - plan[at] - self._own.at(sample)[at]
             own = at[at < 2 * self._k]
             self.joints[own] = self._values[own] - plan[own]
@@ -242,12 +238,7 @@ class DeviationFilter:
         """Correct the estimate, and its propagation since, by the innovations of a sample."""
         correction, errors = gains.correction, self.errors
         if errors is not None and self.believed:
-            learned = errors.correct(gains, self._innovation, at, self.time)
-            if learned is not None:
-                change, seen = learned
-                self.state += change
-                self._own.since(stamp - 0.5 * self._period)[1][:] += gains.measured @ change
-                self._innovation[at] -= seen[at]
+            errors.correct(gains, self._innovation, at, self.time)
         if self.blind:
             at, correction = at[at < 2 * self._k], gains.blind
         if errors is not None:
@@ -378,18 +369,9 @@ class DeviationFilter:
         Returns what these did to the deviations (2 m,).
         """
         pushed: Array = gains.push @ pushes
-        errors, s = self.errors, len(pushed)
-        if errors is None:
-            self.state = gains.transition @ self.state
-            self.state[:s] += pushed
-            return pushed
-        # a robot with the errors stays on its own plan under its torque
-        self.state[:s] -= errors.state(self.time, errors.values)
         self.state = gains.transition @ self.state
-        held = gains.push.reshape(s, -1, self._k).sum(axis=1)
-        pushed -= held @ errors.torque(self.time, errors.values)
-        self.state[:s] += pushed
-        errors.go_on(gains, self.time)
-        self.time += self._period
-        self.state[:s] += errors.state(self.time, errors.values)
+        self.state[: len(pushed)] += pushed
+        if self.errors is not None:
+            pushed -= self.errors.go_on(gains, self.state, self.time)
+            self.time += self._period
         return pushed

@@ -257,7 +257,7 @@ def design_along(
     try:
         errors = model_errors(
             robot, joints, settings.tip, found.coordinates, plan or ModelledMotion(robot, motion),
-            [value.place for value in values], noise,
+            noise,
         )  # fmt: skip
     except SolverError:
         return found

@@ -10,18 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from denoc_ros.control.grid import differences
-from denoc_ros.control.planned_states import PlannedMotion, Row
+from denoc_ros.control.planned_states import PlannedMotion
 from denoc_ros.control.rest import rest_posture
 from denoc_ros.control.targets import Target
 from denoc_ros.control.tip_grid import DRAW, LONGEST_STEP, NODES, SMOOTH, TURN
 from denoc_ros.control.tip_problem import TipProblem
 from denoc_ros.control.tip_solver import settle
-from denoc_ros.dynamics.measured_side import MeasuredStates
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.model.arrays import is_flexible
 from denoc_ros.types import Array
 
-CHANGE = 0.01  # of the load, in the difference that is its derivative
 MOST = 6  # compliances that are told apart; more count as one
 REACH = 0.2  # errors at which plans of other robots are made
 AFTER = 2.0  # s after the end of the motion that such a plan may use
@@ -32,7 +30,6 @@ PAIRED = 4  # errors of which all pairs are tried; of more each alone
 class ModelErrors:
     """Plans of robots with other compliances of their beams, and another load, tip as planned.
 
-    The first is that of the robot of the design, which has modes that the plan's leaves out.
     Errors: of each beam's (or spring's) compliance, then of the load. What they change is a
     polynomial in them, of the terms of :func:`terms`.
 
@@ -42,12 +39,8 @@ class ModelErrors:
         Time between rows [s]; the first is at the plan's start, the last one holds afterwards.
     states : (k, 2 m, terms) array
         What the plan's minimal coordinates and their rates change by.
-    torques : (k, joints, 1 + terms) array
-        What is added to its torque [N m, N]: for the robot of the design, then by the errors.
-    measured : (k, measured) array
-        What is added to the measured values of the plan for the robot of the design.
-    accelerations : (k, m, errors (1 + errors)) array
-        Of the minimal coordinates, by unit errors; then what each of these changes by an error.
+    torques : (k, joints, terms) array
+        What its torque changes by [N m, N].
     noise : (measured,) array
         Standard deviations of the measurements by which the errors are found.
     """
@@ -55,14 +48,12 @@ class ModelErrors:
     step: float
     states: Array
     torques: Array
-    measured: Array
-    accelerations: Array
     noise: Array
 
     @property
     def count(self) -> int:
-        """How many errors there are."""
-        return round(math.sqrt(self.accelerations.shape[2] + 0.25) - 0.5)
+        """How many errors there are: of e, e (e + 3) / 2 terms."""
+        return round(math.sqrt(2.0 * self.states.shape[2] + 2.25) - 1.5)
 
     def between(self, rows: Array, time: float, out: Array) -> Array:
         """Write rows of one of the arrays, interpolated at a time of the plan [s], to `out`."""
@@ -126,34 +117,9 @@ def with_errors(robot: Robot, tip: str, errors: Array) -> Robot:
     return other
 
 
-def error_accelerations(robot: Robot, tip: str, coordinates: NDArray[np.intp], rows: Row) -> Array:
-    """Return the accelerations (k, m, errors) that unit errors of the model add along a motion.
-
-    Parameters
-    ----------
-    robot : Robot
-        Without loops or mimic joints.
-    tip : str
-        The frame whose load may be wrong.
-    coordinates : (m,) int array
-        The minimal ones.
-    rows : three (k, n) arrays
-        q, qd and qdd of the motion.
-    """
-    heavier, groups = robot.with_scaled_load(tip, 1.0 + CHANGE), stiffnesses(robot)
-    q, qd, qdd = rows
-    forces = np.zeros((len(q), robot.n, len(groups) + 1))
-    for column, group in enumerate(groups):
-        forces[:, group, column] = robot.stiffness[group] * q[:, group]
-    more = heavier.inverse_dynamics(q, qd, qdd) - robot.inverse_dynamics(q, qd, qdd)
-    forces[:, :, -1] = -more / CHANGE
-    inertia = np.array([robot.inertia_matrix(one)[np.ix_(coordinates, coordinates)] for one in q])
-    return np.linalg.solve(inertia, forces[:, coordinates])
-
-
 def model_errors(
     robot: Robot, joints: Sequence[str], tip: str, coordinates: NDArray[np.intp],
-    plan: ModelledMotion, sensors: Sequence[int], noise: Array,
+    plan: ModelledMotion, noise: Array,
 ) -> ModelErrors:  # fmt: skip
     """Return what errors of the model change of a plan whose tip is to stay where it is.
 
@@ -168,8 +134,6 @@ def model_errors(
         The minimal ones.
     plan : ModelledMotion
         Of a robot that may have other modes.
-    sensors : sequence of int
-        Places of the values that are read, as of :func:`deviation_model`.
     noise : (measured,) array
 
     Raises
@@ -185,20 +149,10 @@ def model_errors(
         tried += [unit[a] + unit[b] for a, b in zip(*np.triu_indices(count, 1), strict=True)]
     plans = [family.plan(errors) for errors in tried]
     by_terms = np.linalg.pinv(np.array([terms(errors) for errors in tried[1:]]))
-    changed = [np.array([one[part] - plans[0][part] for one in plans[1:]]) for part in range(4)]
-    q, qd, _, torque = (np.einsum('tp,pkn->knt', by_terms, part) for part in changed)
-    torques = np.concatenate([(plans[0][3] - family.torque)[:, :, None], torque], axis=2)
-    measured = _measured(robot, joints, sensors, *plans[0][:2]) - _measured(
-        plan.robot, joints, sensors, *family.planned
-    )
-    driven = [
-        error_accelerations(with_errors(robot, tip, errors), tip, coordinates, plan[:3])
-        for errors, plan in zip(tried[: 1 + 2 * count], plans[: 1 + 2 * count], strict=True)
-    ]
-    rates = [(driven[1 + at] - driven[1 + count + at]) / (2.0 * REACH) for at in range(count)]
+    changed = [np.array([one[part] - plans[0][part] for one in plans[1:]]) for part in range(3)]
+    q, qd, torques = (np.einsum('tp,pkn->knt', by_terms, part) for part in changed)
     states = np.concatenate([q[:, coordinates], qd[:, coordinates]], axis=1)
-    accelerations = np.concatenate([driven[0], *rates], axis=2)
-    return ModelErrors(family.step, states, torques, measured, accelerations, noise)
+    return ModelErrors(family.step, states, torques, noise)
 
 
 class _Family:
@@ -213,9 +167,7 @@ class _Family:
         fewer = max(1, round(usual / motion.step))
         self.step = fewer * motion.step
         count = math.ceil((len(rows) - 1) / fewer) + 1 + math.ceil(AFTER / self.step)
-        q, qd, qdd = np.moveaxis(rows[np.minimum(fewer * np.arange(count), len(rows) - 1)], 1, 0)
-        self.planned = q, qd
-        self.torque = model.inverse_dynamics(q, qd, qdd)[:, model.indices(joints)]
+        q = rows[np.minimum(fewer * np.arange(count), len(rows) - 1), 0]
         self._robot, self._tip, self._driven = robot, tip, robot.indices(joints)
         self._asked = np.zeros((count, robot.n))
         same = [name for name in model.coordinate_names if name in robot.coordinate_names]
@@ -225,8 +177,8 @@ class _Family:
         self._size = float(np.linalg.norm(poses[:, :3, 3], axis=1).max())
         self._target = Target(tip, poses, 1.0, TURN * self._size)
 
-    def plan(self, errors: Array) -> tuple[Array, Array, Array, Array]:
-        """Return q, qd, qdd (k, n) and torque (k, joints) of a robot with errors."""
+    def plan(self, errors: Array) -> tuple[Array, Array, Array]:
+        """Return q, qd (k, n) and torque (k, joints) of a robot with errors."""
         robot, planned, size = with_errors(self._robot, self._tip, errors), self._asked, self._size
         problem = TipProblem(
             robot, self._driven, [self._target], planned, DRAW * size, SMOOTH * size,
@@ -239,24 +191,4 @@ class _Family:
         multipliers = np.zeros((len(planned), problem.loops.count))
         solved = settle(problem, (guess, multipliers), self.step, size, lambda *_: None)
         qd, qdd = differences(solved.q, self.step)
-        return solved.q, qd, qdd, problem.torque(solved.q, qd, qdd, solved.multipliers)
-
-
-def _measured(
-    robot: Robot, joints: Sequence[str], sensors: Sequence[int], q: Array, qd: Array
-) -> Array:
-    """Return the measured values (k, measured) along a motion (k, n)."""
-    seen, places = MeasuredStates(robot, joints), list(sensors)
-    return np.array([
-        np.concatenate([seen.posture(a), seen.posture(b), robot.sensor_values(a, b)[places]])
-        for a, b in zip(q, qd, strict=True)
-    ])  # fmt: skip
-
-
-def drive(accelerations: Array, period: float, size: int) -> Array:
-    """Change of a state (size, errors) by accelerations (m, errors) over a period [s]."""
-    m = len(accelerations)
-    added = np.zeros((size, accelerations.shape[1]))
-    added[:m] = 0.5 * period**2 * accelerations
-    added[m : 2 * m] = period * accelerations
-    return added
+        return solved.q, qd, problem.torque(solved.q, qd, qdd, solved.multipliers)

@@ -196,9 +196,9 @@ class StateFeedback:
         if self._last > -np.inf:
             self.reset()
 
-    def follow(self, time: float, q: Array, qd: Array) -> None:
-        """Take the plan's coordinates and rates (n,) of a time [s], which may be ahead."""
-        self.filter.follow(time, q, qd)
+    def follow(self, time: float, q: Array, qd: Array, qdd: Array | None = None) -> None:
+        """Take the plan's coordinates and derivatives (n,) of a time [s], which may be ahead."""
+        self.filter.follow(time, q, qd, qdd)
 
     def torque(self, now: float, plan: Array | None = None) -> Array:
         """Return the torque (joints,) to add to the plan's; the same array each time.
@@ -225,7 +225,7 @@ class StateFeedback:
         after = min(before + 1, len(schedule.gains) - 1)
         errors = self.filter.errors
         if errors is not None:
-            self._changed[:] = errors.torque(time, errors.used)
+            self._changed[:] = errors.torque(time)
         np.copyto(self._torque, self._joint_torque(before, after, share, now, elapsed))
         self._torque += self._changed
         asked, self._governs = self._state_torque(before, after, share), False

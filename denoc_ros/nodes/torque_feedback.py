@@ -136,8 +136,7 @@ class TorqueFeedback:
         if self._strain.wanted:
             return self._strain.add(torque, now)
         self._plan = torque.copy()
-        q, qd, _ = source.whole_motion()
-        added = self.state.torque(now, lead, wanted, q, qd, self._plan)
+        added = self.state.torque(now, lead, wanted, source.whole_motion(), self._plan)
         return torque if added is None else np.asarray(torque + added)
 
     def wait(
@@ -151,8 +150,7 @@ class TorqueFeedback:
         if self.state.wanted:
             self._take_values()
             self._plan = torque.copy()
-            q, qd, _ = source.whole_motion()
-            self.state.wait(now, lead, wanted, q, qd, self._plan)
+            self.state.wait(now, lead, wanted, source.whole_motion(), self._plan)
 
     def applied(self, left: Array) -> None:
         """Take the torque (n,) that left after all limits."""

@@ -12,6 +12,7 @@ import numpy as np
 from denoc_ros.control.feedback_settings import FeedbackSettings
 from denoc_ros.control.gain_jobs import CHANGED
 from denoc_ros.control.gain_schedule import require_sensors
+from denoc_ros.control.planned_states import Row
 from denoc_ros.control.read_values import unread_values
 from denoc_ros.control.state_feedback import RAMP, StateFeedback
 from denoc_ros.dynamics.floating_base import require_known_base
@@ -227,9 +228,8 @@ class LiveStateFeedback:
             self._now.filter.take_sensor(place, taken, value)
 
     def torque(
-        self, now: float, lead: float, wanted: Array, q: Array, qd: Array,
-        plan: Array | None = None,
-    ) -> Array | None:  # fmt: skip
+        self, now: float, lead: float, wanted: Array, motion: Row, plan: Array | None = None
+    ) -> Array | None:
         """Return the torque (joints,) to add to the plan's, None if there is none.
 
         Parameters
@@ -240,13 +240,14 @@ class LiveStateFeedback:
             How far ahead of it the plan is taken [s].
         wanted : (joints,) array
             Reference of the driven joints.
-        q, qd : (n,) arrays
-            All coordinates of the plan and their rates, of the robot with all its springs.
+        motion : (q, qd, qdd)
+            All coordinates (n,) of the plan and their derivatives, of the robot with all its
+            springs.
         plan : (joints,) array, optional
             Torque of the plan, for ticks that come late; it must not change before the next tick.
         """
         changed = self._swap(now)
-        torque = self._torque(now, lead, wanted, q, qd, plan)
+        torque = self._torque(now, lead, wanted, motion, plan)
         left, self._acted = self._acted and torque is None, torque is not None
         if (changed or left) and self._left.any():
             self._fading = self._left - (0.0 if torque is None else torque)
@@ -260,14 +261,14 @@ class LiveStateFeedback:
         return share * self._fading if torque is None else torque + share * self._fading
 
     def _torque(
-        self, now: float, lead: float, wanted: Array, q: Array, qd: Array, plan: Array | None
+        self, now: float, lead: float, wanted: Array, motion: Row, plan: Array | None
     ) -> Array | None:
         """Return the torque (joints,) by the gains in force, None if there are none for here."""
         feedback = self._now
         if feedback is None:
             self._note('refused' if self._worker.refusal else 'no gains yet', False)
             return None
-        feedback.follow(now + lead, q, qd)
+        feedback.follow(now + lead, *motion)
         if not feedback.is_near(now, wanted, REACH):
             feedback.rest()
             self._note('no gains for this posture yet', False)
@@ -276,11 +277,9 @@ class LiveStateFeedback:
         self._note(feedback.cause, feedback.active)
         return torque
 
-    def wait(
-        self, now: float, lead: float, wanted: Array, q: Array, qd: Array, plan: Array
-    ) -> None:
+    def wait(self, now: float, lead: float, wanted: Array, motion: Row, plan: Array) -> None:
         """Do all that :meth:`torque` does, but let none leave."""
-        self.torque(now, lead, wanted, q, qd, plan)
+        self.torque(now, lead, wanted, motion, plan)
         self._note(STALE_JOINTS, False)
 
     def applied(self, change: Array) -> None:

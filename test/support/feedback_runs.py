@@ -26,7 +26,7 @@ from denoc_ros.trajectories import CycloidalTrajectory, SplineTrajectory
 Array = NDArray[np.float64]
 # gains and bounds of these tests are those of this robot
 CANADARM = CLAMPED_FREE_CANADARM
-Measured = tuple[int, Array, Array]  # period, coordinates, rates
+Measured = tuple[int, Array, Array, Array]  # period, coordinates, rates, accelerations
 PERIOD = 1e-3
 DELAY = 1.5  # periods
 SUBSTEPS = 2  # per period, so that the torque changes within one
@@ -43,6 +43,7 @@ class Planned:
     trajectory: SplineTrajectory
     q: Array
     qd: Array
+    qdd: Array
     torque: Array
     effort: float = 5000.0  # N m
 
@@ -100,14 +101,14 @@ def planned_along(
     """Return the plan along a motion of the measured joints, and for so long after it [s]."""
     count = round((trajectory.duration + after) / PERIOD) + 1
     source = TorqueFeedforward(measured_robot(robot), None, 'flexible', step=PERIOD)
-    rows = np.zeros((2, count, robot.n))
+    rows = np.zeros((3, count, robot.n))
     torque = np.zeros((count, len(robot.joint_names)))
     q, qd, qdd = np.zeros((3, len(robot.joint_names)))
     for k in range(count):
         trajectory.sample(k * PERIOD, q, qd, qdd)
         torque[k] = source.update(q, qd, qdd, PERIOD if k else 0.0)
-        rows[0, k], rows[1, k], _ = source.whole_motion()
-    return Planned(robot, trajectory, rows[0], rows[1], torque, effort)
+        rows[:, k] = source.whole_motion()
+    return Planned(robot, trajectory, *rows, torque, effort)
 
 
 @dataclass
@@ -162,6 +163,7 @@ class Loop:
         count = whole if duration is None else min(whole, round(duration / PERIOD))
         stepper, joints = dn.Stepper(truth, PERIOD / SUBSTEPS), len(truth.joint_names)
         q, qd, tau = self._start()
+        qdd, before = np.zeros((2, truth.n))
         queue = deque([plan.torque[0]] * round(DELAY * SUBSTEPS))
         error, torque, share = np.zeros(count), np.zeros((count, joints)), np.zeros(count)
         generator = np.random.default_rng(self.seed)
@@ -174,10 +176,10 @@ class Loop:
             if paused:
                 # the drives hold what they were last told
                 paused, torque[k] = paused - 1, torque[k - 1]
-                self._unread.append((k, q.copy(), qd.copy()))
+                self._unread.append((k, q.copy(), qd.copy(), qdd.copy()))
                 part = -(-len(self._unread) // max(1, self.backlog))  # that a tick reads
             else:
-                measured = k, q, qd
+                measured = k, q, qd, qdd
                 if self.backlog and self._unread:
                     measured = self._unread[:part][-1]
                 del self._unread[:part]
@@ -187,7 +189,9 @@ class Loop:
                 queue.append(torque[k])
                 tau[:] = self._touched(q, qd)
                 tau[truth.joint_indices] += queue.popleft()
+                before[:] = qd
                 stepper.free(q, qd, tau)
+                np.divide(qd - before, PERIOD / SUBSTEPS, out=qdd)
             there = truth.frame_pose('tool', q)[:3, 3]
             error[k] = np.linalg.norm(there - plan.robot.frame_pose('tool', plan.q[k + 1])[:3, 3])
         return Outcome(error, torque, share, round(plan.duration / PERIOD))
@@ -211,7 +215,7 @@ class Loop:
     def _torque(self, k: int, measured: Measured, generator: np.random.Generator) -> Array:
         """Return what leaves in a period (joints,): the plan's torque and the feedback's."""
         plan, feedback, now = self.planned, self.feedback, k * PERIOD
-        stamp, q, qd = measured[0] * PERIOD, *measured[1:]
+        stamp, q, qd, qdd = measured[0] * PERIOD, *measured[1:]
         if feedback is None:
             return np.asarray(plan.torque[k])
         if self.gone[0] <= now < self.gone[1]:
@@ -219,13 +223,13 @@ class Loop:
             return np.zeros_like(plan.torque[k])
         settings, joints = feedback.schedule.settings, len(self.truth.joint_names)
         normal = self.noise * generator.standard_normal(2 * joints + len(self.values))
-        feedback.follow(now, plan.q[k], plan.qd[k])
+        feedback.follow(now, plan.q[k], plan.qd[k], plan.qdd[k])
         feedback.filter.take_joints(
             stamp,
             self._states.posture(q) + settings.position_noise * normal[:joints],
             self._states.posture(qd) + settings.velocity_noise * normal[joints : 2 * joints],
         )
-        readings, said, gone = self.truth.sensor_values(q, qd), '', False
+        readings, said, gone = self.truth.sensor_values(q, qd, qdd), '', False
         for place, (value, bias) in enumerate(zip(self.values, self.biases, strict=True)):
             if self._sensors[place] != said:  # the values of one come and go together
                 said = self._sensors[place]
