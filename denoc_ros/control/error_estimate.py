@@ -12,13 +12,13 @@ from denoc_ros.types import Array
 
 LIKELY = 0.2  # standard deviation of an error before anything is measured
 LARGEST = 0.4  # error that is believed
-# factor of the noise: it stays alike over many periods in the estimate, as do modes that nobody
-# knows
-COLOURED = 3.0
+COLOURED = 3.0  # factor of the noise: in the estimate it stays alike over many periods
+ALIKE = 0.1  # s over which what no error explains stays alike
+REMEMBERED = 1.0  # s over which its size is averaged
 GATE = 4.0  # of the innovations' spread: beyond it something else was at work
 QUIET = 0.3  # s after a pause of the loop in which its trace is not taken for an error's
-DOUBT = 1.0  # standard deviations within which an error may well be none
-SMOOTH = 0.1  # s over which an error comes in
+DOUBT = 1.0  # standard deviations within which a combination of errors may well be none
+SMOOTH = 0.03  # s over which an error comes in
 WALK = 0.01  # standard deviation of what an error changes within a second
 
 
@@ -30,6 +30,9 @@ class ErrorEstimate:
     by `seen` @ (errors - used), whatever the deviations are, and its innovations show the errors.
     Filter, gains and the proof of their stability stay as they are.
 
+    What the innovations have beyond noise and the errors' own uncertainty no error explains: a
+    gauge that sticks, a beam that bends otherwise. It counts as noise, so nothing is learned of it.
+
     Parameters
     ----------
     schedule : GainSchedule
@@ -40,14 +43,16 @@ class ErrorEstimate:
     values : (errors,) array
         As estimated: of each beam's (spring's) compliance, then of the load.
     used : (errors,) array
-        On which plan and filter rely: those beyond their standard deviation, followed smoothly.
+        On which plan and filter rely: their independent combinations that are beyond their
+        standard deviations, followed smoothly.
     seen : (e, errors) array
         How far the filter's estimate is from the truth, by unit errors.
 
     Notes
     -----
     Two-stage estimation of a constant bias: B. Friedland, Treatment of bias in recursive
-    filtering, IEEE Transactions on Automatic Control 14 (1969).
+    filtering, IEEE Transactions on Automatic Control 14 (1969). Noise from the innovations: R. K.
+    Mehra, On the identification of variances and adaptive Kalman filtering, same 15 (1970).
     """
 
     def __init__(self, schedule: GainSchedule) -> None:
@@ -59,6 +64,7 @@ class ErrorEstimate:
         self._covariance: Array = LIKELY**2 * np.eye(self._errors.count)
         self._quiet = -np.inf
         self._variance = np.square(COLOURED * self._errors.noise)
+        self._unexplained = np.zeros(len(self._variance))
         # at rest errors show no more: what is seen then is noise
         self._end = (len(self._errors.states) - 1) * self._errors.step
         self._states = np.zeros(self._errors.states.shape[1:])
@@ -68,6 +74,7 @@ class ErrorEstimate:
         """Forget the errors."""
         self.values[:] = self.used[:] = 0.0
         self._covariance = LIKELY**2 * np.eye(len(self.values))
+        self._unexplained[:] = 0.0
         self.forget_deviations()
 
     def forget_deviations(self) -> None:
@@ -78,7 +85,11 @@ class ErrorEstimate:
         """Go on with the values of another estimate of the same errors."""
         if other is not None and other.seen.shape == self.seen.shape:
             self.values[:], self.used[:], self.seen[:] = other.values, other.used, other.seen
-            self._covariance = other._covariance
+            self._covariance, self._unexplained = other._covariance, other._unexplained
+
+    def learns(self, time: float) -> bool:
+        """Say whether a time of the plan [s] is one in which the errors show."""
+        return 0.0 < time < self._end
 
     def doubt(self, time: float) -> None:
         """Learn nothing for a while from a time of the plan [s] on: the torque was not as told."""
@@ -96,7 +107,11 @@ class ErrorEstimate:
             self.doubt(time)
             return
         across = self._covariance @ expected.T
-        gain = np.linalg.solve(expected @ across + np.diag(self._variance[at]), across.T).T
+        known = expected @ across
+        beyond = np.maximum(left**2 - np.diag(known), 0.0)
+        self._unexplained[at] += self._period / REMEMBERED * (beyond - self._unexplained[at])
+        noise = self._variance[at] + ALIKE / self._period * self._unexplained[at]
+        gain = np.linalg.solve(known + np.diag(noise), across.T).T
         self.values += gain @ left
         np.clip(self.values, -LARGEST, LARGEST, out=self.values)
         self._covariance = self._covariance - gain @ across.T
@@ -134,9 +149,10 @@ class ErrorEstimate:
         self.seen[:s] += states @ rates
         state[:s] += states @ terms(self.used)
         self._covariance += WALK**2 * self._period * np.eye(len(self.values))
-        doubt = DOUBT**2 * np.diag(self._covariance)
-        believed = self.values * np.maximum(0.0, 1.0 - doubt / np.maximum(self.values**2, doubt))
-        change = self._period / (self._period + SMOOTH) * (believed - self.used)
+        variances, ways = np.linalg.eigh(self._covariance)
+        along, doubt = ways.T @ self.values, DOUBT**2 * variances
+        along *= np.maximum(0.0, 1.0 - doubt / np.maximum(along**2, doubt))
+        change = self._period / (self._period + SMOOTH) * (ways @ along - self.used)
         self.used += change
         state += self.seen @ change
         return np.asarray(pushed @ terms(self.used))

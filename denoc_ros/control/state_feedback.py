@@ -121,6 +121,8 @@ class StateFeedback:
         self._most = schedule.settings.limit * schedule.limits
         self._asked, self._torque, self._left, self._governed_last = np.zeros((4, k))
         self._changed = np.zeros(k)  # torque that the plan of a robot with the errors adds
+        # the joints' own feedback keeps to the plan with the errors; without it only all of it does
+        self._stands_alone = bool(schedule.gains[0].joints.any())
         self._own, self._state = HandOver(k), HandOver(k)
         self._plan: Array | None = None  # torque of the plan at the last tick
         self._deviations = self.filter.deviations()
@@ -227,7 +229,6 @@ class StateFeedback:
         if errors is not None:
             self._changed[:] = errors.torque(time)
         np.copyto(self._torque, self._joint_torque(before, after, share, now, elapsed))
-        self._torque += self._changed
         asked, self._governs = self._state_torque(before, after, share), False
         if asked is not None and now < self._heard_from:
             self.integrals[:], asked = 0.0, None
@@ -250,7 +251,10 @@ class StateFeedback:
         if now - known.joints_at > self.schedule.settings.sensor_timeout:
             return self._own.take(None, elapsed)
         gain = _between(gains[before].joints, gains[after].joints, share, self._joint_gain)
-        return self._own.take(-(gain @ known.joint_deviations()), elapsed)
+        asked = -(gain @ known.joint_deviations())
+        if self._stands_alone:
+            asked += self._changed
+        return self._own.take(asked, elapsed)
 
     def _state_torque(self, before: int, after: int, share: float) -> Array | None:
         """Return the torque (joints,) by all deviations, None while they are not believed."""
@@ -262,7 +266,10 @@ class StateFeedback:
         self._deviations = self.filter.deviations()
         way = self._way - np.tile(self._changed, len(self._way) // self._k)
         torque = gain @ np.concatenate((self._deviations, way, self.integrals))
-        return np.asarray(np.negative(torque, out=torque))
+        np.negative(torque, out=torque)
+        if not self._stands_alone:
+            torque += self._changed
+        return np.asarray(torque)
 
     def _governed(self, asked: Array, before: int, now: float, elapsed: float) -> Array | None:
         """Return as much of a torque (joints,) as the joints' own feedback can stand against.
@@ -315,7 +322,9 @@ class StateFeedback:
     def applied(self, change: Array) -> None:
         """Take the torque (joints,) [N m, N] that was added to the plan's after all limits."""
         gains = self.schedule.gains[self._at]
-        free = self.share == 1.0 and not self._governs
+        errors, free = self.filter.errors, self.share == 1.0 and not self._governs
+        if errors is not None and errors.learns(self.filter.time):
+            free = False  # the integrals would count what is being learned a second time
         if free and np.abs(change - self._asked).max() <= ROUNDING * self._most.max():
             m = gains.virtual.shape[1]
             step = self.schedule.settings.period

@@ -79,7 +79,7 @@ class Bench:
             live.take_joints(self.now, self.now, self.now, np.asarray(q) + off, still)
             for place in range(4):
                 live.take_sensor(place, self.now, 0.0)
-            torque = live.torque(self.now, 0.0, np.asarray(q), state, zero)
+            torque = live.torque(self.now, 0.0, np.asarray(q), (state, zero, zero))
             if torque is not None:
                 torques[k] = torque
             live.applied(torques[k])
@@ -224,7 +224,7 @@ def test_ticks_without_joint_states_after_a_pause_cost_nothing(planner: Planner)
     state[bench.robot.joint_indices] = START
     for _ in range(2):
         bench.now += PERIOD
-        bench.live.wait(bench.now, 0.0, START, state, zero, np.zeros(3))
+        bench.live.wait(bench.now, 0.0, START, (state, zero, zero), np.zeros(3))
         assert not bench.live.active
         bench.live.applied(np.zeros(3))
     assert bench.ticks(1, START, off=1e-5).any()
