@@ -12,9 +12,10 @@ from denoc_ros.types import Array
 
 LIKELY = 0.2  # standard deviation of an error before anything is measured
 LARGEST = 0.4  # error that is believed
-COLOURED = 3.0  # factor of the noise: in the estimate it stays alike over many periods
-ALIKE = 0.1  # s over which what no error explains stays alike
-REMEMBERED = 1.0  # s over which its size is averaged
+TRUST = 0.3  # the innovations' spread counts so much: the filter allows for more than is true
+# in its place, where robots have modes beyond the design: what no error explains, and for how
+# long [s] that stays alike, and over which time its size is averaged
+ALIKE, AVERAGED = 0.1, 1.0
 GATE = 4.0  # of the innovations' spread: beyond it something else was at work
 QUIET = 0.3  # s after a pause of the loop in which its trace is not taken for an error's
 DOUBT = 1.0  # standard deviations within which a combination of errors may well be none
@@ -63,8 +64,7 @@ class ErrorEstimate:
         self.seen: Array = np.zeros((len(schedule.gains[0].transition), self._errors.count))
         self._covariance: Array = LIKELY**2 * np.eye(self._errors.count)
         self._quiet = -np.inf
-        self._variance = np.square(COLOURED * self._errors.noise)
-        self._unexplained = np.zeros(len(self._variance))
+        self._unexplained = np.square(self._errors.noise)
         # at rest errors show no more: what is seen then is noise
         self._end = (len(self._errors.states) - 1) * self._errors.step
         self._states = np.zeros(self._errors.states.shape[1:])
@@ -74,7 +74,7 @@ class ErrorEstimate:
         """Forget the errors."""
         self.values[:] = self.used[:] = 0.0
         self._covariance = LIKELY**2 * np.eye(len(self.values))
-        self._unexplained[:] = 0.0
+        self._unexplained[:] = np.square(self._errors.noise)
         self.forget_deviations()
 
     def forget_deviations(self) -> None:
@@ -108,9 +108,11 @@ class ErrorEstimate:
             return
         across = self._covariance @ expected.T
         known = expected @ across
-        beyond = np.maximum(left**2 - np.diag(known), 0.0)
-        self._unexplained[at] += self._period / REMEMBERED * (beyond - self._unexplained[at])
-        noise = self._variance[at] + ALIKE / self._period * self._unexplained[at]
+        noise = np.square(TRUST * gains.spread[at])
+        if len(self._unexplained):
+            beyond = np.maximum(left**2 - np.diag(known), 0.0)
+            self._unexplained[at] += self._period / AVERAGED * (beyond - self._unexplained[at])
+            noise = ALIKE / self._period * self._unexplained[at]
         gain = np.linalg.solve(known + np.diag(noise), across.T).T
         self.values += gain @ left
         np.clip(self.values, -LARGEST, LARGEST, out=self.values)
@@ -149,10 +151,12 @@ class ErrorEstimate:
         self.seen[:s] += states @ rates
         state[:s] += states @ terms(self.used)
         self._covariance += WALK**2 * self._period * np.eye(len(self.values))
-        variances, ways = np.linalg.eigh(self._covariance)
-        along, doubt = ways.T @ self.values, DOUBT**2 * variances
-        along *= np.maximum(0.0, 1.0 - doubt / np.maximum(along**2, doubt))
-        change = self._period / (self._period + SMOOTH) * (ways @ along - self.used)
+        believed = self.values
+        if len(self._unexplained):
+            variances, ways = np.linalg.eigh(self._covariance)
+            along, doubt = ways.T @ self.values, DOUBT**2 * variances
+            believed = ways @ (along * (1.0 - doubt / np.maximum(along**2, doubt)))
+        change = self._period / (self._period + SMOOTH) * (believed - self.used)
         self.used += change
         state += self.seen @ change
         return np.asarray(pushed @ terms(self.used))

@@ -251,9 +251,11 @@ def design_along(
     found = design(robot, joints, limits, motion.times, motion.states, settings)
     if not knows_errors(robot):
         return found
-    own = np.repeat([settings.position_noise, settings.velocity_noise], len(joints))
-    values = chosen_values(robot.tree, found.sensors)
-    noise = np.concatenate([own, [value.noise for value in values]])
+    noise = np.zeros(0)
+    if is_hardened(robot, joints):
+        own = np.repeat([settings.position_noise, settings.velocity_noise], len(joints))
+        values = chosen_values(robot.tree, found.sensors)
+        noise = np.concatenate([own, [value.noise for value in values]])
     try:
         errors = model_errors(
             robot, joints, settings.tip, found.coordinates, plan or ModelledMotion(robot, motion),

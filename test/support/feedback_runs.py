@@ -16,6 +16,7 @@ from denoc_ros.control.feedback_settings import FeedbackSettings
 from denoc_ros.control.gain_jobs import GainJob
 from denoc_ros.control.gain_schedule import GainSchedule
 from denoc_ros.control.read_values import numbered_values
+from denoc_ros.control.residual_modes import is_hardened
 from denoc_ros.control.state_feedback import StateFeedback
 from denoc_ros.dynamics.feedforward import TorqueFeedforward
 from denoc_ros.dynamics.measured_side import MeasuredStates, measured_robot
@@ -151,6 +152,9 @@ class Loop:
 
     def __post_init__(self) -> None:
         self._states = MeasuredStates(self.truth)
+        # gauges read the moment of what lies beyond; those of robots that have the model's own
+        # modes, and no rotors, the model's own shapes
+        self._by_moments = is_hardened(self.planned.robot, self.planned.robot.joint_names)
         self._unread: list[Measured] = []
         self.values = numbered_values(self.truth.tree)
         self._sensors = [value.name.partition('/')[0] for value in self.values]
@@ -223,13 +227,17 @@ class Loop:
             return np.zeros_like(plan.torque[k])
         settings, joints = feedback.schedule.settings, len(self.truth.joint_names)
         normal = self.noise * generator.standard_normal(2 * joints + len(self.values))
-        feedback.follow(now, plan.q[k], plan.qd[k], plan.qdd[k])
+        feedback.follow(now, plan.q[k], plan.qd[k], plan.qdd[k] if self._by_moments else None)
         feedback.filter.take_joints(
             stamp,
             self._states.posture(q) + settings.position_noise * normal[:joints],
             self._states.posture(qd) + settings.velocity_noise * normal[joints : 2 * joints],
         )
-        readings, said, gone = self.truth.sensor_values(q, qd, qdd), '', False
+        readings, said, gone = (
+            self.truth.sensor_values(q, qd, qdd if self._by_moments else None),
+            '',
+            False,
+        )
         for place, (value, bias) in enumerate(zip(self.values, self.biases, strict=True)):
             if self._sensors[place] != said:  # the values of one come and go together
                 said = self._sensors[place]
