@@ -31,8 +31,8 @@ class ErrorEstimate:
     by `seen` @ (errors - used), whatever the deviations are, and its innovations show the errors.
     Filter, gains and the proof of their stability stay as they are.
 
-    What the innovations have beyond noise and the errors' own uncertainty no error explains: a
-    gauge that sticks, a beam that bends otherwise. It counts as noise, so nothing is learned of it.
+    What the innovations have beyond the errors' own uncertainty no error explains: noise, a gauge
+    that sticks, a beam that bends otherwise. It counts as noise: nothing is learned of it.
 
     Parameters
     ----------

@@ -12,10 +12,9 @@ from denoc_ros.control.closed_loop import Settling
 from denoc_ros.control.feedback_design import PostureGains
 from denoc_ros.control.feedback_settings import FeedbackSettings
 from denoc_ros.control.gain_schedule import LOWERED, GainSchedule, design, design_along
-from denoc_ros.control.model_errors import ModelErrors, ModelledMotion
+from denoc_ros.control.model_errors import ModelErrors
 from denoc_ros.control.planned_states import motion_along, state_at
 from denoc_ros.control.residual_modes import with_residual_modes
-from denoc_ros.dynamics.measured_side import whole_robot
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.trajectories import SplineTrajectory
 from denoc_ros.types import Array
@@ -60,20 +59,16 @@ class GainJob:
         StateError, SolverError
             As of :func:`denoc_ros.control.gain_schedule.design`.
         """
-        model, settings, path = robot, self.settings, self.trajectory
+        settings, path = self.settings, self.trajectory
         robot = with_residual_modes(robot, self.joints)
         if path is None:
             torque = settings.effort_share * self.limits
             states = [state_at(robot, self.joints, self.position, torque, self.posture)]
             return design(robot, self.joints, self.limits, np.zeros(1), states, settings)
-        motion, planned = (
-            motion_along(
-                one, self.joints, path.sample, path.duration, settings.period, self.posture
-            )
-            for one in (robot, model)
+        motion = motion_along(
+            robot, self.joints, path.sample, path.duration, settings.period, self.posture
         )
-        plan = ModelledMotion(whole_robot(model), planned)
-        return design_along(robot, self.joints, self.limits, motion, settings, plan)
+        return design_along(robot, self.joints, self.limits, motion, settings)
 
     def message(self) -> tuple[dict[str, Any], dict[str, Array]]:
         """Return the job as a header that JSON has words for, and arrays."""

@@ -34,12 +34,7 @@ from denoc_ros.control.feedback_design import (
 from denoc_ros.control.feedback_proof import Proof
 from denoc_ros.control.feedback_settings import FeedbackSettings
 from denoc_ros.control.joint_feedback import joint_gains
-from denoc_ros.control.model_errors import (
-    ModelErrors,
-    ModelledMotion,
-    knows_errors,
-    model_errors,
-)
+from denoc_ros.control.model_errors import ModelErrors, knows_errors, model_errors
 from denoc_ros.control.planned_states import PlannedMotion
 from denoc_ros.control.read_values import chosen_values, read_sensors
 from denoc_ros.control.residual_modes import is_hardened
@@ -239,13 +234,11 @@ def design_along(
     limits: Array,
     motion: PlannedMotion,
     settings: FeedbackSettings,
-    plan: ModelledMotion | None = None,
 ) -> GainSchedule:
     """Design the gains along a motion, with the effect of model errors.
 
-    Arguments and errors as of :func:`design`; `plan` is the motion of the robot that the plan is
-    for, if the robot of the design has other modes. Of robots with loops or mimic joints, and of
-    plans that no other robot can follow with its tip, no errors are estimated.
+    Arguments and errors as of :func:`design`. Of robots with loops or mimic joints, and of plans
+    that no other robot can follow with its tip, no errors are estimated.
     """
     robot = whole_robot(robot)
     found = design(robot, joints, limits, motion.times, motion.states, settings)
@@ -257,10 +250,7 @@ def design_along(
         values = chosen_values(robot.tree, found.sensors)
         noise = np.concatenate([own, [value.noise for value in values]])
     try:
-        errors = model_errors(
-            robot, joints, settings.tip, found.coordinates, plan or ModelledMotion(robot, motion),
-            noise,
-        )  # fmt: skip
+        errors = model_errors(robot, joints, settings.tip, found.coordinates, motion, noise)
     except SolverError:
         return found
     return replace(found, errors=errors)

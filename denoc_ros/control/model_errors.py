@@ -65,14 +65,6 @@ class ModelErrors:
         return out
 
 
-@dataclass(frozen=True)
-class ModelledMotion:
-    """A motion of all coordinates of a robot, with its springs."""
-
-    robot: Robot
-    motion: PlannedMotion
-
-
 def terms(errors: Array) -> Array:
     """Return all that a polynomial of second degree without a constant has of errors (e,)."""
     first, second = np.triu_indices(len(errors))
@@ -119,7 +111,7 @@ def with_errors(robot: Robot, tip: str, errors: Array) -> Robot:
 
 def model_errors(
     robot: Robot, joints: Sequence[str], tip: str, coordinates: NDArray[np.intp],
-    plan: ModelledMotion, noise: Array,
+    motion: PlannedMotion, noise: Array,
 ) -> ModelErrors:  # fmt: skip
     """Return what errors of the model change of a plan whose tip is to stay where it is.
 
@@ -132,8 +124,8 @@ def model_errors(
     tip : str
     coordinates : (m,) int array
         The minimal ones.
-    plan : ModelledMotion
-        Of a robot that may have other modes.
+    motion : PlannedMotion
+        Of the robot, as planned.
     noise : (measured,) array
 
     Raises
@@ -141,54 +133,43 @@ def model_errors(
     SolverError
         There is no such plan.
     """
-    family = _Family(robot, joints, tip, plan)
+    step, asked = _nodes(motion)
+    poses, driven = robot.frame_pose(tip, asked), robot.indices(joints)
+    size = float(np.linalg.norm(poses[:, :3, 3], axis=1).max())
+    target = Target(tip, poses, 1.0, TURN * size)
+
+    def planned(errors: Array) -> tuple[Array, Array, Array]:
+        """Return q, qd (k, n) and torque (k, joints) of a robot with errors."""
+        problem = TipProblem(
+            with_errors(robot, tip, errors), driven, [target], asked, DRAW * size, SMOOTH * size,
+            step * len(asked),
+        )  # fmt: skip
+        first, last = (rest_posture(problem, k, asked[k])[0] - asked[k] for k in (0, -1))
+        share = np.linspace(0.0, 1.0, len(asked))[:, None]
+        guess = asked + (1.0 - share) * first + share * last
+        none = np.zeros((len(asked), 0))
+        q = settle(problem, (guess, none), step, size, lambda *_: None).q
+        qd, qdd = differences(q, step)
+        return q, qd, problem.torque(q, qd, qdd, none)
+
     count = len(stiffnesses(robot)) + 1
-    unit, zero = REACH * np.eye(count), np.zeros(count)
-    tried = [zero, *unit, *-unit]
+    unit = REACH * np.eye(count)
+    tried = [*unit, *-unit]
     if count <= PAIRED:
         tried += [unit[a] + unit[b] for a, b in zip(*np.triu_indices(count, 1), strict=True)]
-    plans = [family.plan(errors) for errors in tried]
-    by_terms = np.linalg.pinv(np.array([terms(errors) for errors in tried[1:]]))
-    changed = [np.array([one[part] - plans[0][part] for one in plans[1:]]) for part in range(3)]
+    exact, plans = planned(np.zeros(count)), [planned(errors) for errors in tried]
+    by_terms = np.linalg.pinv(np.array([terms(errors) for errors in tried]))
+    changed = [np.array([one[part] - exact[part] for one in plans]) for part in range(3)]
     q, qd, torques = (np.einsum('tp,pkn->knt', by_terms, part) for part in changed)
     states = np.concatenate([q[:, coordinates], qd[:, coordinates]], axis=1)
-    return ModelErrors(family.step, states, torques, noise)
+    return ModelErrors(step, states, torques, noise)
 
 
-class _Family:
-    """Plans of robots that are not the model, with the tip where the model's plan has it."""
-
-    def __init__(
-        self, robot: Robot, joints: Sequence[str], tip: str, plan: ModelledMotion
-    ) -> None:
-        model, motion = plan.robot, plan.motion
-        rows = np.array(motion.rows)
-        usual = min(motion.step * (len(rows) - 1) / NODES, LONGEST_STEP)
-        fewer = max(1, round(usual / motion.step))
-        self.step = fewer * motion.step
-        count = math.ceil((len(rows) - 1) / fewer) + 1 + math.ceil(AFTER / self.step)
-        q = rows[np.minimum(fewer * np.arange(count), len(rows) - 1), 0]
-        self._robot, self._tip, self._driven = robot, tip, robot.indices(joints)
-        self._asked = np.zeros((count, robot.n))
-        same = [name for name in model.coordinate_names if name in robot.coordinate_names]
-        into = [robot.coordinate_names.index(name) for name in same]
-        self._asked[:, into] = q[:, [model.coordinate_names.index(name) for name in same]]
-        poses = model.frame_pose(tip, q)
-        self._size = float(np.linalg.norm(poses[:, :3, 3], axis=1).max())
-        self._target = Target(tip, poses, 1.0, TURN * self._size)
-
-    def plan(self, errors: Array) -> tuple[Array, Array, Array]:
-        """Return q, qd (k, n) and torque (k, joints) of a robot with errors."""
-        robot, planned, size = with_errors(self._robot, self._tip, errors), self._asked, self._size
-        problem = TipProblem(
-            robot, self._driven, [self._target], planned, DRAW * size, SMOOTH * size,
-            self.step * len(planned),
-        )  # fmt: skip
-        first, last = (rest_posture(problem, k, planned[k]) for k in (0, -1))
-        share = np.linspace(0.0, 1.0, len(planned))[:, None]
-        guess = planned + (1.0 - share) * (first[0] - planned[0])
-        guess += share * (last[0] - planned[-1])
-        multipliers = np.zeros((len(planned), problem.loops.count))
-        solved = settle(problem, (guess, multipliers), self.step, size, lambda *_: None)
-        qd, qdd = differences(solved.q, self.step)
-        return solved.q, qd, problem.torque(solved.q, qd, qdd, solved.multipliers)
+def _nodes(motion: PlannedMotion) -> tuple[float, Array]:
+    """Return the step [s] and coordinates (k, n) at nodes of plans like a motion."""
+    rows = np.array(motion.rows)[:, 0]
+    usual = min(motion.step * (len(rows) - 1) / NODES, LONGEST_STEP)
+    fewer = max(1, round(usual / motion.step))
+    step = fewer * motion.step
+    count = math.ceil((len(rows) - 1) / fewer) + 1 + math.ceil(AFTER / step)
+    return step, rows[np.minimum(fewer * np.arange(count), len(rows) - 1)]

@@ -121,7 +121,7 @@ class StateFeedback:
         self._most = schedule.settings.limit * schedule.limits
         self._asked, self._torque, self._left, self._governed_last = np.zeros((4, k))
         self._changed = np.zeros(k)  # torque that the plan of a robot with the errors adds
-        # the joints' own feedback keeps to the plan with the errors; without it only all of it does
+        # the joints' own feedback, where there is any, keeps to the plan with the errors
         self._stands_alone = bool(schedule.gains[0].joints.any())
         self._own, self._state = HandOver(k), HandOver(k)
         self._plan: Array | None = None  # torque of the plan at the last tick
