@@ -117,7 +117,7 @@ def joint_loop(model: DeviationModel, gains: Array, settings: FeedbackSettings) 
     ----------
     model : DeviationModel
     gains : (joints, 2 joints) array
-        As :func:`denoc_ros.control.joint_feedback.joint_gains` returns them.
+        As :func:`denoc_ros.control.feedback_design.joint_gains` returns them.
     settings : FeedbackSettings
 
     Returns

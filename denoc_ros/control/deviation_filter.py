@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from denoc_ros.control.error_estimate import ErrorEstimate
 from denoc_ros.control.feedback_design import BIASES, PostureGains
 from denoc_ros.control.gain_schedule import GainSchedule
+from denoc_ros.control.model_errors import ErrorEstimate
 from denoc_ros.control.read_values import chosen_values
 from denoc_ros.dynamics.measured_side import MeasuredStates, whole_robot
 from denoc_ros.dynamics.robot import Robot
@@ -103,7 +103,9 @@ class DeviationFilter:
         self._plan, self._own = StateHistory(HISTORY, seen), StateHistory(HISTORY, seen)
         self._slot = {int(place): 2 * self._k + at for at, place in enumerate(self._sensors)}
         self._pause: Pause | None = None
-        self.errors = None if schedule.errors is None else ErrorEstimate(schedule)
+        self.errors: ErrorEstimate | None = None
+        if schedule.errors is not None:
+            self.errors = ErrorEstimate(schedule.errors, self._period, len(self.state))
         self.joints, self.joints_at = np.zeros(2 * self._k), -np.inf
         self._has_rates = math.isfinite(schedule.settings.velocity_noise)
         self.time = 0.0

@@ -34,6 +34,31 @@ BLIND = 30.0  # factor of the joints' noise in the filter by joints alone, which
 DEFLECTION = 0.15  # of a beam's length, beyond which a deviation is no robot's that has a plan
 LEAST_TORQUE = 1e-3  # of the effort limit, that is never known
 LEAST_DEFLECTION = 5e-4  # of a beam's length, whose elastic force is never known
+DAMPING = 0.7  # ratio of the joints' motion, links rigid
+
+
+def joint_inertia(model: DeviationModel) -> Array:
+    """Return the inertia matrix (joints, joints) of the driven joints, links and springs rigid.
+
+    Passive coordinates move freely.
+    """
+    k, rigid = model.joints, np.flatnonzero(model.stiff == 0.0)
+    moved = model.measured[:k, rigid]
+    mobility = moved @ np.linalg.solve(model.linear.inertia[np.ix_(rigid, rigid)], moved.T)
+    return np.asarray(np.linalg.inv(mobility))
+
+
+def joint_gains(model: DeviationModel, bandwidth: float) -> Array:
+    """Return stiffness and damping (joints, 2 joints): torque = -gains [deviations; rates].
+
+    Parameters
+    ----------
+    model : DeviationModel
+    bandwidth : float
+        Natural frequency of every joint, links rigid [Hz]; 0: no feedback.
+    """
+    inertia, omega = joint_inertia(model), 2.0 * np.pi * bandwidth
+    return np.hstack([omega**2 * inertia, 2.0 * DAMPING * omega * inertia])
 
 
 @dataclass(frozen=True)

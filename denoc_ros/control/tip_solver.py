@@ -6,10 +6,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.lib.stride_tricks import as_strided
+from numpy.typing import NDArray
+from scipy.linalg import lapack
 
-from denoc_ros.control.block_band import BlockBand
-from denoc_ros.control.grid import REACH, differences, halfway
-from denoc_ros.control.tip_band import add_equations, add_momentum
+from denoc_ros.control.grid import BETWEEN, FIRST, REACH, SECOND, SLOPE, differences, halfway
 from denoc_ros.control.tip_problem import Equations, Momentum, TipProblem
 from denoc_ros.errors import SolverError, StateError
 from denoc_ros.types import Array
@@ -25,6 +26,118 @@ NONE_NEARBY = (
     'no bounded motion nearby (ask for a slower motion, or one away from singular postures)'
 )
 BENDS = np.array([1.0, -2.0, 1.0])
+Int = NDArray[np.int64]
+
+
+class BlockBand:
+    """A square matrix of count x count blocks that couple `reach` neighbours on either side.
+
+    It stands in LAPACK's band storage, so memory and time grow linearly with count.
+
+    Parameters
+    ----------
+    count, size : int
+        Blocks along the diagonal, and rows of a block.
+    reach : int
+    """
+
+    def __init__(self, count: int, size: int, reach: int) -> None:
+        self._count, self._size = count, size
+        self._width = (reach + 1) * size - 1
+        self._rows = 3 * self._width + 1
+        # column by column, as Fortran has it; the first `width` rows take what pivoting fills in
+        self._band = np.zeros((count * size, self._rows))
+
+    def blocks(self, offset: int, row: int, column: int, rows: int, columns: int) -> Array:
+        """Return a view (count - |offset|, rows, columns) of parts of blocks, to write into.
+
+        Entry k is of the block in block column k + max(0, -offset) and `offset` blocks below the
+        diagonal, from its row `row` and column `column`.
+        """
+        size = self._size
+        first = max(0, -offset) * size + column
+        start = self._band[first:, 2 * self._width + offset * size + row - column :]
+        stride = self._band.itemsize
+        along = (size * self._rows * stride, stride, (self._rows - 1) * stride)
+        return as_strided(start, (self._count - abs(offset), rows, columns), along)
+
+    def solve(self, right: Array) -> Array | None:
+        """Return x (count, size) of matrix x = right, or None where the matrix is singular.
+
+        Several right sides (count, size, m) are solved together. The matrix is lost: its factors
+        take its place.
+        """
+        columns = right.reshape(self._count * self._size, *right.shape[2:])
+        _, _, x, info = lapack.dgbsv(
+            self._width, self._width, self._band.T, columns, overwrite_ab=1
+        )
+        return None if info else np.asarray(x).reshape(right.shape)
+
+
+def add_equations(equations: Equations, band: BlockBand, step: float, end: Int) -> None:
+    """Write the equations' derivatives by all nodes, and their transposes, into the band.
+
+    Of the first node no coordinate moves, of the last one those of `end`. Where none moves,
+    closure is no equation.
+    """
+    k, p, n = equations.by_q.shape
+    m = equations.by_multipliers.shape[2]
+    at, fixed = n + m, np.setdiff1d(np.arange(n), end)
+    for column, (first, second) in enumerate(zip(FIRST, SECOND, strict=True)):
+        offset = column - REACH
+        entry = (first / step) * equations.by_qd + (second / step**2) * equations.by_qdd
+        if offset == 0:
+            entry += equations.by_q
+        # the row of node j has the column of node j + offset
+        entry = entry[max(0, -offset) : k - max(0, offset)]
+        if offset <= 0:
+            entry[0] = 0.0
+        if offset >= 0:
+            entry[-1] = _by_end(equations, step, offset)
+            entry[-1][:, fixed] = 0.0
+        band.blocks(-offset, at, 0, p, n)[...] = entry
+        band.blocks(offset, 0, at, n, p)[...] = entry.transpose(0, 2, 1)
+    if m:
+        band.blocks(0, at, n, p, m)[...] = equations.by_multipliers
+        band.blocks(0, n, at, m, p)[...] = equations.by_multipliers.transpose(0, 2, 1)
+        closure, ends = np.arange(p - m, p), np.array([0] if len(end) else [0, k - 1])
+        band.blocks(0, at, at, p, p)[np.ix_(ends, closure, closure)] += np.eye(m)
+
+
+def _by_end(equations: Equations, step: float, offset: int) -> Array:
+    """Return how the equations (p, n) of the node `offset` before the last change with the last.
+
+    All nodes beyond it are as it is.
+    """
+    row, beyond = len(equations.by_q) - 1 - offset, REACH + offset
+    found = (FIRST[beyond:].sum() / step) * equations.by_qd[row]
+    found = found + (SECOND[beyond:].sum() / step**2) * equations.by_qdd[row]
+    return np.asarray(found if offset else found + equations.by_q[row])
+
+
+def add_momentum(momentum: Momentum, band: BlockBand, step: float, end: Int, at: int) -> None:
+    """Write the derivatives of the momentum half-way after each node into rows from `at` on.
+
+    Of the first node no coordinate moves, of the last one those of `end`.
+    """
+    between, six, n = momentum.by_q.shape
+    if not six:
+        return
+    fixed = np.setdiff1d(np.arange(n), end)
+    for column, (share, slope) in enumerate(zip(BETWEEN, SLOPE, strict=True)):
+        offset = column - 1
+        entry = share * momentum.by_q + (slope / step) * momentum.by_qd
+        if offset == 1:  # the node beyond the last is as the last
+            entry[-1] += BETWEEN[-1] * momentum.by_q[-1] + SLOPE[-1] / step * momentum.by_qd[-1]
+        # the row after node j has the column of node j + offset
+        entry = entry[max(0, -offset) : between - max(0, offset - 1)]
+        if offset <= 0:
+            entry[0] = 0.0
+        if offset >= 1:
+            entry[-1][:, fixed] = 0.0
+        band.blocks(-offset, at, 0, six, n)[: len(entry)] = entry
+        band.blocks(offset, 0, at, n, six)[: len(entry)] = entry.transpose(0, 2, 1)
+    band.blocks(0, at, at, six, six)[-1] = np.eye(six)
 
 
 class CancelledError(SolverError):

@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 
 from denoc_ros.control.closed_loop import closed_loop, joint_loop, slow_modes, slowest_mode
 from denoc_ros.control.deviation_model import DeviationModel, deviation_model
+from denoc_ros.control.feedback_design import joint_gains, joint_inertia
 from denoc_ros.control.feedback_settings import FeedbackSettings
 from denoc_ros.control.gain_schedule import GainSchedule, design
-from denoc_ros.control.joint_feedback import joint_gains, joint_inertia
 from denoc_ros.control.planned_states import state_at
 from denoc_ros.control.read_values import chosen_values, read_sensors
 from denoc_ros.control.residual_modes import with_residual_modes, without_armature
