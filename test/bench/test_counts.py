@@ -33,7 +33,7 @@ def test_planted_faults_are_counted(package: Path) -> None:
     circle = ['denoc_ros.dynamics.four', 'denoc_ros.dynamics.three']
     assert found['modules in an import circle'] == circle
     assert found['definitions of Array'] == 1
-    assert found['uses of arrays. outside model, dynamics, bench'] == 1
+    assert found['uses of arrays. outside model, dynamics, studies'] == 1
     assert found['importers of rclpy outside nodes'] == ['denoc_ros.cli.five']
     assert found['lines']['model'] == 5
     assert found['function lines: longest'] == 3
@@ -44,4 +44,4 @@ def test_the_package_is_counted(capsys: pytest.CaptureFixture[str]) -> None:
     printed = capsys.readouterr().out
     assert 'importers of rclpy outside nodes: 0' in printed
     assert 'modules in an import circle: 0' in printed  # imports for types and in functions too
-    assert 'importers of argparse outside cli: 0' in printed
+    assert 'importers of argparse outside cli and studies: 0' in printed

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from numpy.typing import ArrayLike
 
-from denoc_ros.bench.chains import flexible_chain, rigid_chain
-from denoc_ros.bench.limits import FORWARD, INVERSE, count_verbs
-from denoc_ros.bench.operations import Counted, CountingKernels, Operations
-from denoc_ros.bench.rigid import random_states
 from denoc_ros.dynamics.robot import load_robot
+from denoc_ros.studies.benchmarks.limits import FORWARD, INVERSE, count_verbs
+from denoc_ros.studies.benchmarks.operations import Counted, CountingKernels, Operations
+from denoc_ros.studies.benchmarks.peers import flexible_chain, rigid_chain
+from denoc_ros.studies.benchmarks.rigid import random_states
 
 VECTOR = np.array([1.0, 2.0, 3.0])
 

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 import denoc_ros as dn
 from denoc_ros.cli.config import read_yaml
-from denoc_ros.model.dh.system import read_system
-from denoc_ros.model.dh.urdf import urdf_text
 from denoc_ros.simulation.run import Run
+from denoc_ros.studies.dh import urdf_text
+from denoc_ros.studies.dh_system import read_system
 
 Array = NDArray[np.float64]
 

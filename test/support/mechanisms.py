@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from denoc_ros.model.dh.system import load_system
-from denoc_ros.model.dh.urdf import urdf_text
+from denoc_ros.studies.dh import urdf_text
+from denoc_ros.studies.dh_system import load_system
 
 Array = NDArray[np.float64]
 

@@ -12,15 +12,14 @@ import pytest
 import yaml
 from numpy.typing import NDArray
 
-from denoc_ros.cli import dh as command
 from denoc_ros.errors import ConfigError, ModelError
-from denoc_ros.model.dh.links import DHLink
-from denoc_ros.model.dh.system import DHSystem, load_system, read_system
-from denoc_ros.model.dh.urdf import rod_inertia, urdf_text
 from denoc_ros.model.inertia import inverse_transform
 from denoc_ros.model.shapes import WaveShapes
 from denoc_ros.model.tree import Joint, JointKind, Tree
 from denoc_ros.model.urdf import load_tree
+from denoc_ros.studies import dh as command
+from denoc_ros.studies.dh import rod_inertia, urdf_text
+from denoc_ros.studies.dh_system import DHLink, DHSystem, load_system, read_system
 
 Array = NDArray[np.float64]
 

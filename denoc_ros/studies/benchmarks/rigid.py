@@ -9,11 +9,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from denoc_ros.bench.chains import rigid_chain
-from denoc_ros.bench.peers import Dense, Pinocchio
-from denoc_ros.bench.results import AT_MOST, BenchCheck, BenchLine, Reach, relative_error
-from denoc_ros.bench.timing import Effort, Subject, compare, ratio
 from denoc_ros.dynamics.robot import Robot, load_robot
+from denoc_ros.studies.benchmarks.peers import Dense, Pinocchio, rigid_chain
+from denoc_ros.studies.benchmarks.results import (
+    AT_MOST,
+    BenchCheck,
+    BenchLine,
+    Reach,
+    relative_error,
+)
+from denoc_ros.studies.benchmarks.timing import Effort, Subject, compare, ratio
 from denoc_ros.types import Array
 
 State = tuple[Array, ...]

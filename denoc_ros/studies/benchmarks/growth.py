@@ -4,21 +4,27 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
-from denoc_ros.bench.chains import flexible_chain, rigid_chain
-from denoc_ros.bench.peers import Dense
-from denoc_ros.bench.results import AT_LEAST, AT_MOST, BenchCheck, BenchLine, Reach
-from denoc_ros.bench.rigid import (
+from denoc_ros.dynamics.robot import Robot, load_robot
+from denoc_ros.studies.benchmarks.peers import Dense, flexible_chain, rigid_chain
+from denoc_ros.studies.benchmarks.results import (
+    AT_LEAST,
+    AT_MOST,
+    BenchCheck,
+    BenchLine,
+    Reach,
+)
+from denoc_ros.studies.benchmarks.rigid import (
     TOLERANCE,
     State,
     check,
     random_states,
     results,
 )
-from denoc_ros.bench.timing import Effort, Spread, Subject, Times, compare, ratio
-from denoc_ros.dynamics.robot import Robot, load_robot
+from denoc_ros.studies.benchmarks.timing import Effort, Spread, Subject, Times, compare, ratio
 
 LINKS = (8, 16, 32, 64, 128)
 FEWER_LINKS = (8, 16, 32)  # where only results matter
@@ -163,3 +169,87 @@ def check_inverse(robot: Robot, states: Sequence[State]) -> BenchCheck:
     ours = results(Subject(robot.inverse_dynamics, states))
     dense = [robot.inertia_matrix(q) @ qdd + robot.bias_forces(q, qd) for q, qd, qdd in states]
     return check(ours, dense, 'I qdd + h', TOLERANCE)
+
+
+SEGMENTS = 8
+BEAM = '<beam link="link_1"'
+
+
+def link_of(segments: int) -> Robot:
+    """Return a link on a joint, two modes per plane and segment."""
+    text = flexible_chain(1, *MODES)
+    return load_robot(text.replace(BEAM, f'{BEAM} segments="{segments}"'))
+
+
+def segment_lines(effort: Effort) -> Iterator[BenchLine]:
+    """Yield inverse and forward dynamics of a link of segments over those of one beam."""
+    divided, whole = link_of(SEGMENTS), link_of(1)
+    robots = (
+        (divided, random_states(divided, count=STATES)),
+        (whole, random_states(whole, count=STATES)),
+    )
+    names = f'a link of {SEGMENTS} segments', 'one beam'
+    yield from dynamics_lines('growth', names, robots, float(SEGMENTS), effort)
+
+
+REACH = 1.4
+ARMATURE = 'armature="0.5"'  # kg m^2, of each rotor
+SPRING = 'stiffness="2e4" damping="5"'
+
+
+def geared(file: Path, springs: bool) -> Robot:
+    """Return a rigid robot with rotors, and with springs at all joints or without."""
+    block = ''.join(
+        f'<actuator joint="{name}" {ARMATURE}/>'
+        + (f'<spring joint="{name}" {SPRING}/>' if springs else '')
+        for name in load_robot(file).joint_names
+    )
+    text = file.read_text(encoding='utf-8')
+    return load_robot(text.replace('</robot>', f'<flexibility>{block}</flexibility></robot>'))
+
+
+def spring_lines(file: Path, effort: Effort) -> Iterator[BenchLine]:
+    """Yield inverse and forward dynamics with elastic joints over those with rigid ones."""
+    elastic, rigid = geared(file, springs=True), geared(file, springs=False)
+    robots = (elastic, random_states(elastic)), (rigid, random_states(rigid))
+    names = f'{file.stem} with springs', 'rigid joints'
+    yield from dynamics_lines('springs', names, robots, REACH, effort)
+
+
+VERBS = 'inverse_dynamics', 'forward_dynamics'
+States = tuple[Robot, Sequence[State]]
+
+
+def dynamics_lines(
+    group: str, names: tuple[str, str], robots: tuple[States, States], reach: float, effort: Effort
+) -> Iterator[BenchLine]:
+    """Yield inverse and forward dynamics of the first robot over those of the second.
+
+    Parameters
+    ----------
+    group : str
+    names : (str, str)
+        Of the two, as the line says them.
+    robots : two of (Robot, sequence of state)
+        The verbs are called at the states in turn.
+    reach : float
+        Largest ratio.
+    effort : Effort
+    """
+    subjects = []
+    for robot, states in robots:
+        driven = [(q, qd, robot.inverse_dynamics(q, qd, qdd)) for q, qd, qdd in states]
+        checks = check_inverse(robot, states), check_forward(robot, driven)
+        verbs = Subject(robot.inverse_dynamics, states), Subject(robot.forward_dynamics, driven)
+        subjects.append(list(zip(verbs, checks, strict=True)))
+    for verb, first, second in zip(VERBS, *subjects, strict=True):
+        worst = max(first[1], second[1], key=lambda each: each.error / each.tolerance)
+        line = BenchLine(group, f'{verb}, {names[0]}', names[1], worst)
+        if not worst.good:
+            yield line
+            continue
+        ours, theirs = compare((first[0], second[0]), effort)
+        yield BenchLine(
+            line.group, line.what, line.against, worst, value=ratio(ours, theirs),
+            reach=Reach(AT_MOST, reach), ours=ours, peer=theirs,
+        )  # fmt: skip

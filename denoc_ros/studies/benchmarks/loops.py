@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import scipy.linalg
 
-from denoc_ros.bench.peers import Pinocchio
-from denoc_ros.bench.results import AT_MOST, BenchCheck, BenchLine, Reach
-from denoc_ros.bench.rigid import STATES, State, check, random_states
-from denoc_ros.bench.timing import Effort, Subject, compare, ratio
 from denoc_ros.dynamics.robot import Robot, load_robot
+from denoc_ros.studies.benchmarks.peers import Pinocchio
+from denoc_ros.studies.benchmarks.results import AT_MOST, BenchCheck, BenchLine, Reach
+from denoc_ros.studies.benchmarks.rigid import STATES, State, check, random_states
+from denoc_ros.studies.benchmarks.timing import Effort, Subject, compare, ratio
 from denoc_ros.types import Array
 
 FLEXIBLE = 'five_bar_ffff'

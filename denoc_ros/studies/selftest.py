@@ -2,19 +2,26 @@
 
 from __future__ import annotations
 
+import argparse
+import dataclasses
+import json
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.stats import binom
 
+from denoc_ros.cli.batch import FAILURE, add_worker_options, run_batch, worker_config
+from denoc_ros.cli.exit_statuses import DOUBTFUL
+from denoc_ros.cli.verbs import ACTIONS
 from denoc_ros.errors import IdentificationError
-from denoc_ros.identification.cases import CASES, draw_decay
 from denoc_ros.identification.fit import fit_modes
 from denoc_ros.identification.modes import Modes
 from denoc_ros.identification.spectra import evolving_spectra
-from denoc_ros.identification.synthetic import Decay, Truth
+from denoc_ros.reports.text_table import text_table
+from denoc_ros.studies.synthetic import CASES, Decay, Truth, draw_decay
 from denoc_ros.types import Array
 
 IDENTIFIABLE = 0.05  # Cramer-Rao bound relative to zeta up to which a mode must be found
@@ -270,3 +277,74 @@ def selftest(
     if seed < 0:
         raise IdentificationError(f'selftest: seed must be >= 0, got {seed}')
     return seed, list(runner(measure, jobs(full, seed)))
+
+
+CHANCE_OF_SHORT = 1e-4  # that a short self-test fails estimators that are just good enough
+
+
+def add_actions(actions: Any) -> None:
+    """Declare the action's arguments."""
+    parser = actions.add_parser(
+        'selftest',
+        help=ACTIONS['selftest'],
+        description=(
+            'Draw decays with known modes and the defects of a bag, identify them, and compare'
+            ' the errors with the required accuracy. Exit status 2 if it is not reached.'
+        ),
+    )
+    parser.add_argument('--full', action='store_true', help='ten times as many records')
+    parser.add_argument(
+        '--seed', type=int, help='seed, to repeat a run; default: drawn now, and printed'
+    )
+    parser.add_argument('--json', action='store_true', help='print machine-readable JSON')
+    add_worker_options(parser)
+    parser.set_defaults(act=run_selftest)
+
+
+def run_selftest(args: argparse.Namespace) -> int:
+    """Measure; exit status 2 when a row of the table is not reached."""
+    workers = worker_config(args)
+
+    def runner(measure: Callable[[Job], Outcome], jobs: Iterable[Job]) -> Iterator[Outcome]:
+        items = {str(k): (measure, job) for k, job in enumerate(jobs)}
+        for row in run_batch(outcome_row, items, None, workers, 'records', not args.json):
+            if row[FAILURE]:
+                raise IdentificationError(f'selftest: record {row["key"]}: {row[FAILURE]}')
+            yield row['outcome']
+
+    seed, outcomes = selftest(args.full, args.seed, runner)
+    rows = table(outcomes, 0.0 if args.full else CHANCE_OF_SHORT)
+    if args.json:
+        shown = [dataclasses.asdict(row) for row in rows]
+        print(json.dumps({'seed': seed, 'full': args.full, 'rows': shown}, indent=2))
+    else:
+        print(f'seed {seed}')
+        print(
+            text_table(
+                [
+                    {
+                        'condition': row.condition,
+                        'records': row.records,
+                        'found': _percent(row.found),
+                        'within': _percent(row.within),
+                        'median error': f'{100.0 * row.median:.2g} %',
+                        'with spurious': row.spurious_records,
+                        'coverage': _percent(row.coverage),
+                        'per record': f'{row.seconds:.2g} s',
+                        'reached': 'yes' if row.passed else 'no',
+                    }
+                    for row in rows
+                ]
+            )
+        )
+    return 0 if all(row.passed for row in rows) else DOUBTFUL
+
+
+def outcome_row(item: tuple[Callable[[Job], Outcome], Job]) -> dict[str, Any]:
+    """Return one record's outcome as a row, for a worker."""
+    measure, job = item
+    return {'outcome': measure(job)}
+
+
+def _percent(part: float) -> str:
+    return f'{100.0 * part:.1f} %'

@@ -14,12 +14,12 @@ from itertools import chain
 from pathlib import Path
 from typing import Any
 
-from denoc_ros.bench import batches, derivatives, growth, loading, loops, rigid, segments, springs
-from denoc_ros.bench.limits import Account, accounts
-from denoc_ros.bench.results import BenchLine
-from denoc_ros.bench.timing import FULL, QUICK
 from denoc_ros.cli.config import find_file
 from denoc_ros.cli.verbs import VERBS
+from denoc_ros.studies.benchmarks import batches, derivatives, growth, loading, loops, rigid
+from denoc_ros.studies.benchmarks.limits import Account, accounts
+from denoc_ros.studies.benchmarks.results import BenchLine
+from denoc_ros.studies.benchmarks.timing import FULL, QUICK
 
 GROUPS = (
     'inverse', 'forward', 'inertia', 'derivatives', 'ssrms', 'springs', 'loops', 'growth', 'dense',
@@ -123,11 +123,9 @@ def measured_lines(groups: Collection[str], quick: bool) -> Iterator[BenchLine]:
         'inertia': lambda: rigid.inertia_lines(effort),
         'derivatives': lambda: derivatives.derivative_lines(ssrms, effort, quick),
         'ssrms': lambda: rigid.ssrms_lines(ssrms, effort),
-        'springs': lambda: springs.spring_lines(ssrms.parent / 'ur10.urdf', effort),
+        'springs': lambda: growth.spring_lines(ssrms.parent / 'ur10.urdf', effort),
         'loops': lambda: loops.loop_lines(ssrms.parent, effort),
-        'growth': lambda: chain(
-            growth.growth_lines(effort, quick), segments.segment_lines(effort)
-        ),
+        'growth': lambda: chain(growth.growth_lines(effort, quick), growth.segment_lines(effort)),
         'dense': lambda: growth.dense_lines(effort, quick),
         'batch': lambda: batches.batch_lines(effort, quick),
         'load': lambda: loading.load_lines(ssrms, cold=not quick),

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from denoc_ros.bench.timing import Spread, Times
+from denoc_ros.studies.benchmarks.timing import Spread, Times
 
 AT_MOST = '<='
 AT_LEAST = '>='

@@ -7,13 +7,20 @@ from pathlib import Path
 
 import numpy as np
 
-from denoc_ros.bench.chains import flexible_chain, rigid_chain
-from denoc_ros.bench.growth import sloped
-from denoc_ros.bench.peers import Pinocchio
-from denoc_ros.bench.results import AT_MOST, BenchCheck, BenchLine, Reach
-from denoc_ros.bench.rigid import SIZES, State, beside, check, conditioned, random_states, results
-from denoc_ros.bench.timing import Effort, Subject, compare, ratio
 from denoc_ros.dynamics.robot import Robot, load_robot
+from denoc_ros.studies.benchmarks.growth import sloped
+from denoc_ros.studies.benchmarks.peers import Pinocchio, flexible_chain, rigid_chain
+from denoc_ros.studies.benchmarks.results import AT_MOST, BenchCheck, BenchLine, Reach
+from denoc_ros.studies.benchmarks.rigid import (
+    SIZES,
+    State,
+    beside,
+    check,
+    conditioned,
+    random_states,
+    results,
+)
+from denoc_ros.studies.benchmarks.timing import Effort, Subject, compare, ratio
 from denoc_ros.types import Array
 
 REACH_INVERSE = (0.9, 0.6, 0.6)

@@ -14,12 +14,18 @@ from typing import Any
 
 import numpy as np
 
-from denoc_ros.bench.chains import flexible_chain, rigid_chain
-from denoc_ros.bench.results import AT_MOST, BenchCheck, BenchLine, Reach, relative_error
-from denoc_ros.bench.rigid import TOLERANCE
-from denoc_ros.bench.timing import Spread, Times
 from denoc_ros.dynamics.robot import load_robot
 from denoc_ros.errors import DenocError
+from denoc_ros.studies.benchmarks.peers import flexible_chain, rigid_chain
+from denoc_ros.studies.benchmarks.results import (
+    AT_MOST,
+    BenchCheck,
+    BenchLine,
+    Reach,
+    relative_error,
+)
+from denoc_ros.studies.benchmarks.rigid import TOLERANCE
+from denoc_ros.studies.benchmarks.timing import Spread, Times
 
 REACH_CACHED = 3.0  # s
 REACH_COLD = 60.0  # s

@@ -13,13 +13,17 @@ from typing import Any
 
 import numpy as np
 
-from denoc_ros.bench.chains import flexible_chain, rigid_chain
-from denoc_ros.bench.machine import Machine, measure_machine
-from denoc_ros.bench.operations import CountingKernels, Operations
-from denoc_ros.bench.results import BenchCheck, relative_error
-from denoc_ros.bench.rigid import State, random_states
-from denoc_ros.bench.timing import Effort, Subject, compare
 from denoc_ros.dynamics.robot import Robot, load_robot
+from denoc_ros.studies.benchmarks.operations import (
+    CountingKernels,
+    Machine,
+    Operations,
+    measure_machine,
+)
+from denoc_ros.studies.benchmarks.peers import flexible_chain, rigid_chain
+from denoc_ros.studies.benchmarks.results import BenchCheck, relative_error
+from denoc_ros.studies.benchmarks.rigid import State, random_states
+from denoc_ros.studies.benchmarks.timing import Effort, Subject, compare
 
 NOTHING = '<robot name="nothing"><link name="base"/></robot>'
 TOLERANCE = 1e-8  # of a solution, the source in Python against its compiled self

@@ -1,18 +1,64 @@
-"""Write a robot given by a Denavit-Hartenberg table as URDF + `<flexibility>`."""
+"""`denoc dh`: a Denavit-Hartenberg table to URDF + `<flexibility>`."""
 
 from __future__ import annotations
 
+import argparse
 import math
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from lxml import etree
 
-from denoc_ros.model.dh.links import DHLink
-from denoc_ros.model.dh.mechanism import DHPoint
-from denoc_ros.model.dh.system import DHSystem
+from denoc_ros.cli.verbs import VERBS
 from denoc_ros.model.findings import Element
 from denoc_ros.model.poses import number_text, rpy_of
+from denoc_ros.model.urdf import load_tree
+from denoc_ros.output_files import write_new
+from denoc_ros.studies.dh_system import DHLink, DHPoint, DHSystem, load_system
 from denoc_ros.types import Array
+
+
+def add_parser(subparsers: Any) -> None:
+    """Add the verb to the parsers of `denoc`."""
+    parser: argparse.ArgumentParser = subparsers.add_parser('dh', help=VERBS['dh'])
+    parser.add_argument('table', help='YAML file with one system, or with several by name')
+    parser.add_argument('-o', '--output', required=True, help='the URDF to write, a new file')
+    parser.add_argument('--system', help='name of the system, for a file with several')
+    parser.add_argument(
+        '--kinds',
+        help='R (rigid) or F (flexible) for each link, such as FFR; default: as in the table',
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """Write the URDF of a table.
+
+    Parameters
+    ----------
+    args : argparse.Namespace
+        `table`, `output`, `system`, `kinds`.
+
+    Returns
+    -------
+    int
+        0; what is wrong is raised.
+
+    Raises
+    ------
+    ConfigError
+        With every finding of the table, or if the output exists or cannot be written.
+    ModelError
+        If the table's robot is not possible.
+    """
+    system = load_system(args.table, args.system, args.kinds)
+    text = urdf_text(system)
+    tree = load_tree(text)
+    write_new(Path(args.output), text)
+    flexible = sum(body.beam is not None and body.segment == 1 for body in tree.bodies)
+    print(f'{args.output}: {len(system.links)} links, {flexible} flexible')
+    return 0
+
 
 VISUAL_WIDTH = 0.04  # of the longest link
 

@@ -9,13 +9,19 @@ from typing import Any
 
 import numpy as np
 
-from denoc_ros.bench.chains import rigid_chain
-from denoc_ros.bench.peers import Pinocchio
-from denoc_ros.bench.results import AT_LEAST, AT_MOST, BenchCheck, BenchLine, Reach, relative_error
-from denoc_ros.bench.rigid import TOLERANCE
-from denoc_ros.bench.timing import Effort, Subject, compare, ratio
 from denoc_ros.dynamics.batch import cores
 from denoc_ros.dynamics.robot import load_robot
+from denoc_ros.studies.benchmarks.peers import Pinocchio, rigid_chain
+from denoc_ros.studies.benchmarks.results import (
+    AT_LEAST,
+    AT_MOST,
+    BenchCheck,
+    BenchLine,
+    Reach,
+    relative_error,
+)
+from denoc_ros.studies.benchmarks.rigid import TOLERANCE
+from denoc_ros.studies.benchmarks.timing import Effort, Subject, compare, ratio
 
 JOINTS = 7
 ROWS = 100_000
