@@ -68,7 +68,7 @@ def check_python(words: list[str]) -> None:
     if name == 'venv':
         return
     file = Path(name.replace('.', '/') + '.py') if name else Path(words[0])
-    found = [base / file for base in (ROOT / 'test', ROOT) if (base / file).is_file()]
+    found = [base / file for base in (ROOT / 'campaigns', ROOT) if (base / file).is_file()]
     assert found, f'there is no {file}'
     # a command line may be shared with the modules beside it
     source = ''.join(file.read_text(encoding='utf-8') for file in found[0].parent.glob('*.py'))
