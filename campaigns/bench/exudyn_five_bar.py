@@ -27,9 +27,8 @@ from exudyn.itemInterface import (
     SensorNode,
 )
 from mechanism_runs import book_fall, loaded
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 ELEMENTS = 8  # a link
 STEP = 1e-4  # s, of Exudyn: its deflections are then right to 1.3 % of their peak

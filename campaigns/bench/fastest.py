@@ -12,14 +12,12 @@ from typing import Any
 import numpy as np
 import toppra
 from control_runs import ROBOTS, cycloid
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from toppra import algorithm, constraint
 
 import denoc_ros as dn
 from denoc_ros.control.limit_rows import LimitRows, motion_limits
 
-Array = NDArray[np.float64]
 SHARE = 0.8  # of the torques and moments that the motion as it was asked for needs
 STARTS = {
     'canadarm': (10.0, np.radians([10.0, 40.0, 30.0]), np.radians([60.0, 45.0, 30.0])),

@@ -10,9 +10,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
+
 RESAMPLES = 400
 PERCENTILE = 99.0
 LEVEL = 95.0  # % of the interval

@@ -18,7 +18,6 @@ import time
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from tqdm import tqdm
 
 from denoc_ros.bags.definitions import encode
@@ -26,8 +25,6 @@ from denoc_ros.bags.joint_state import FIELDS, JOINT_STATE, JointStateMessage
 from denoc_ros.bags.reader import bag_contents
 from denoc_ros.bags.writer import BagWriter
 from denoc_ros.dynamics.robot import load_robot
-
-Array = NDArray[np.float64]
 
 ROBOT = Path(__file__).resolve().parents[2] / 'config/robots/canadarm.urdf'
 BOUND = 500e6  # bytes that the replay's process may have

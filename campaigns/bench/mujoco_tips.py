@@ -14,7 +14,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from control_runs import ROBOTS, Reference, cycloid
-from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline, CubicSpline
 
 import denoc_ros as dn
@@ -25,8 +24,8 @@ from denoc_ros.dynamics.robot import Robot
 from denoc_ros.model.segments import whole_beams
 from denoc_ros.simulation.mujoco_robot import MujocoRobot, MujocoSettings
 from denoc_ros.simulation.simulated_robot import Drives
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 STEP = 2e-3  # s
 AFTER = 3.0  # s
 SEGMENTS = 32

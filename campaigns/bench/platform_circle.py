@@ -11,11 +11,9 @@ from dataclasses import dataclass
 import matplotlib as mpl
 import numpy as np
 from book_runs import desired, joints, shipped
-from numpy.typing import NDArray
 
 from denoc_ros.simulation.path import Circle
-
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 SCENARIO = 'planar_3dof_circle'
 CIRCLE = Circle('tool', np.array([0.25, 0.1443, 0.0]), 0.06, 1.0)

@@ -23,7 +23,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from denoc_ros.cli.processes import free_domain
 from denoc_ros.dynamics.feedforward import TorqueFeedforward
@@ -37,8 +36,7 @@ from denoc_ros.studies.benchmarks.results import (
     relative_error,
 )
 from denoc_ros.studies.benchmarks.timing import Times, ratio
-
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 ROBOT = Path(__file__).resolve().parents[2] / 'config' / 'robots' / 'ssrms.urdf'
 ECHO = Path(__file__).with_name('echo_node.py')

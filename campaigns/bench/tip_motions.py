@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 from control_runs import ROBOTS, Reference, carried_out, cycloid
-from numpy.typing import NDArray
 from panda_strip import SIDE, panda_strip
 
 import denoc_ros as dn
@@ -22,8 +21,7 @@ from denoc_ros.control.asked_motion import AskedMotion
 from denoc_ros.control.carried_out import carry_out, planned
 from denoc_ros.control.plan import Plan
 from denoc_ros.simulation.path import Circle, follow
-
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 CIRCLE = Circle('tool', np.array([0.25, 0.1443, 0.0]), 0.06, 1.0)
 NEAR = (1.092, -1.629, 1.0605987755982988, 3.307, -2.291, 4.198, 1.938)

@@ -11,15 +11,13 @@ from collections.abc import Sequence
 
 import numpy as np
 from node_robots import GRAVITY, JOINTS, two_links
-from numpy.typing import NDArray
 from rcl_interfaces.msg import ParameterEvent
 from sensor_msgs.msg import JointState
 from tracked_runs import simulated, with_noise
 from trust.stage import stamp
 
 from denoc_ros.dynamics.robot import load_robot
-
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 PAYLOAD = 'payload.two.mass'
 KNOWN, TRUE = 1.0, 1.2  # kg, of the predictor's model and of the robot

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from numpy.typing import NDArray
 
 from denoc_ros.errors import ConfigError, ModelError
 from denoc_ros.model.inertia import inverse_transform
@@ -20,8 +19,7 @@ from denoc_ros.model.urdf import load_tree
 from denoc_ros.studies import dh as command
 from denoc_ros.studies.dh import rod_inertia, urdf_text
 from denoc_ros.studies.dh_system import DHLink, DHSystem, load_system, read_system
-
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 CONFIG = Path(__file__).resolve().parents[3] / 'config'
 # Committed robot, table, kinds.
