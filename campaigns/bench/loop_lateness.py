@@ -17,7 +17,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from bench.journal import read
-from bench.lateness import Array, p99, p99_ratio
+from bench.lateness import p99, p99_ratio
 from bench.lateness_command import run
 from bench.load_bench import SETTLING, Bench, benched, in_a_moment
 
@@ -25,6 +25,7 @@ from denoc_ros.cli.config import load_config
 from denoc_ros.cli.node_parameters import write_parameters
 from denoc_ros.dynamics.robot import load_robot
 from denoc_ros.simulation.reference import trajectory_from_config
+from denoc_ros.types import Array
 
 LOOP_RATE, PRIORITY = 1000.0, 40
 GARBAGE_RATE = 500.0

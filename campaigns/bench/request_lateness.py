@@ -20,7 +20,6 @@ from typing import Any
 
 import numpy as np
 from bench.journal import read
-from bench.lateness import Array
 from bench.lateness_command import say
 from bench.load_bench import SETTLING, Bench, benched, in_a_moment
 from rclpy.serialization import serialize_message
@@ -31,6 +30,7 @@ from denoc_ros.cli.node_parameters import write_parameters
 from denoc_ros.dynamics.robot import load_robot
 from denoc_ros.errors import DenocError
 from denoc_ros.simulation.reference import trajectory_from_config
+from denoc_ros.types import Array
 
 LOOP_RATE, PRIORITY = 1000.0, 40
 REQUEST_RATE = 20.0
