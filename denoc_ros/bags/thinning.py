@@ -19,7 +19,7 @@ from denoc_ros.bags.storage import require_bounded_chunks
 from denoc_ros.errors import BagError
 from denoc_ros.types import Stamps
 
-Message = tuple[str, str, int, bytes]  # topic, type, log time [ns], CDR
+RawMessage = tuple[str, str, int, bytes]  # topic, type, log time [ns], CDR
 
 _RECORD = struct.Struct('<BQ')  # opcode and length
 _MESSAGE = struct.Struct('<BQHIQQ')  # and channel, sequence, log time, publish time
@@ -33,7 +33,7 @@ def read_thinned(
     step_ns: int,
     early_ns: float = -math.inf,
     late_ns: float = math.inf,
-) -> Iterator[Message]:
+) -> Iterator[RawMessage]:
     """Iterate over (topic, type, log time [ns], CDR bytes) of about one message per step.
 
     Parameters
@@ -114,7 +114,7 @@ def _begin(part: Path) -> int | None:
     return summary.statistics.message_start_time if summary.chunk_indexes else None
 
 
-def _picked(stream: IO[bytes], topics: Collection[str], picker: _Picker) -> Iterator[Message]:
+def _picked(stream: IO[bytes], topics: Collection[str], picker: _Picker) -> Iterator[RawMessage]:
     summary = make_reader(stream).get_summary()
     assert summary is not None
     known = _channels(summary, topics)

@@ -9,15 +9,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from denoc_ros.bags.run import Interval, RecordedTopics
+from denoc_ros.bags.series import Series
 from denoc_ros.control.asked_motion import AskedMotion
 from denoc_ros.errors import SolverError
-from denoc_ros.reports.recording import ASKED_TOPICS, Interval, RecordedTopics, Series
 from denoc_ros.trajectories import SplineTrajectory
 from denoc_ros.types import Array
 
 if TYPE_CHECKING:
     from denoc_ros.dynamics.robot import Robot
 
+ASKED_TOPICS = ('up/asked', 'shaper/input')  # what a shaped reference was shaped from
 SHOWN_COMPONENTS = ('uy', 'uz', 'rx')
 ROUNDING = 1e-12  # rad
 NEGLIGIBLE = 1e-3  # of the largest deflection of its kind: neither shown nor judged

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from denoc_ros.bags.joint_state import JOINT_STATE
 from denoc_ros.bags.reader import DESCRIPTION_ATTACHMENT, SESSION_ATTACHMENT
-from denoc_ros.bags.readings import ODOMETRY
+from denoc_ros.bags.series import ODOMETRY
 from denoc_ros.bags.writer import BagWriter
 from denoc_ros.dynamics.deflection import TipDeflections
 from denoc_ros.dynamics.measured_side import MeasuredStates
