@@ -17,8 +17,12 @@ from denoc_ros.dynamics.measured_side import described_coordinates
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import BagError, ConfigError
 from denoc_ros.types import Array
-from denoc_ros.viewer.channels import deflection_channel, residual_channel, torque_channels
-from denoc_ros.viewer.snapshot import Snapshot
+from denoc_ros.viewer.snapshot import (
+    Snapshot,
+    deflection_channel,
+    residual_channel,
+    torque_channels,
+)
 
 INSIDE = 1e-6  # share of the phases by which the last moment is before their end
 
