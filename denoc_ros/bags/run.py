@@ -12,9 +12,8 @@ import numpy as np
 
 from denoc_ros.bags.definitions import decode, message_types
 from denoc_ros.bags.joint_state import JOINT_STATE
-from denoc_ros.bags.reader import bag_contents, header_stamp_ns, read_raw
+from denoc_ros.bags.reader import RawMessage, bag_contents, header_stamp_ns, read_raw, read_thinned
 from denoc_ros.bags.series import JointSeries, JointStateColumns, Series, find_topic
-from denoc_ros.bags.thinning import RawMessage, read_thinned
 from denoc_ros.errors import BagError
 
 UNFINISHED = '(unfinished)'  # behind the name of a phase that has no end

@@ -12,8 +12,7 @@ from hypothesis import strategies as st
 
 from denoc_ros.bags import thinning
 from denoc_ros.bags.joint_state import JOINT_STATE, JointStateMessage
-from denoc_ros.bags.reader import read_raw
-from denoc_ros.bags.thinning import read_thinned
+from denoc_ros.bags.reader import read_raw, read_thinned
 from denoc_ros.bags.writer import BagWriter
 from denoc_ros.errors import BagError
 
