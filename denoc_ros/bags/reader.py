@@ -126,9 +126,7 @@ def require_stamp(path: str | Path, stamp: Stamp) -> None:
         raise BagError(f'{path}: stamp must be header or log, got {stamp!r}')
 
 
-def read_raw(
-    path: str | Path, topics: Collection[str] | None = None
-) -> Iterator[RawMessage]:
+def read_raw(path: str | Path, topics: Collection[str] | None = None) -> Iterator[RawMessage]:
     """Iterate over (topic, type, log time [ns], CDR bytes) of the messages, by log time.
 
     For those who take all of a long bag, or all of some topics, in one go: nothing is decoded.

@@ -7,8 +7,7 @@ import math
 
 from denoc_ros.bags.joint_table import TableTimes
 from denoc_ros.cli.arguments import add_stamp, add_times, named_values, require, times_findings
-from denoc_ros.identification.model.sensor_filter import SensorFilter
-from denoc_ros.identification.model.sources import RecordingSettings
+from denoc_ros.identification.model.sources import RecordingSettings, SensorFilter
 
 
 def add_recording_settings(parser: argparse.ArgumentParser) -> None:

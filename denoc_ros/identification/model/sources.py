@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
+from scipy.signal import cont2discrete, lfilter, lfilter_zi
 
 from denoc_ros.bags.joint_table import TableTimes, joints_of_table, require_rows
 from denoc_ros.bags.reader import Stamp, bag_topics
@@ -24,7 +25,6 @@ from denoc_ros.bags.series import (
 from denoc_ros.bags.tables import Table, is_table, read_table
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import BagError, IdentificationError
-from denoc_ros.identification.model.sensor_filter import SensorFilter
 from denoc_ros.model.tree import INERTIAL_PARTS
 from denoc_ros.types import Array, Stamps
 
@@ -344,3 +344,45 @@ def _window(whole: Recording, begin: float, end: float) -> Recording:
         velocity=None if whole.velocity is None else whole.velocity[rows],
         sensors=sensors,
     )
+
+
+@dataclass(frozen=True)
+class SensorFilter:
+    """A low-pass of second order: y'' + 2 damping omega y' + omega^2 y = omega^2 u.
+
+    Parameters
+    ----------
+    omega : float
+        [rad/s]
+    damping : float
+        Share of critical.
+
+    Raises
+    ------
+    IdentificationError
+        One of them is not > 0.
+    """
+
+    omega: float
+    damping: float
+
+    def __post_init__(self) -> None:
+        for name, value in (('omega', self.omega), ('damping', self.damping)):
+            if not (math.isfinite(value) and value > 0.0):
+                raise IdentificationError(f'filter: {name} must be > 0, got {value}')
+
+    def passed(self, t: Array, values: Array) -> Array:
+        """Filter values (k,) at stamps t (k,) [s], settled at the first one.
+
+        Values are taken as linear between stamps; uneven stamps go through an even grid.
+        """
+        period = float(np.median(np.diff(t)))
+        even = np.arange(t[0], t[-1] + period, period)
+        w, z = self.omega, self.damping
+        system = ([w * w], [1.0, 2.0 * z * w, w * w])
+        above, below, _ = cont2discrete(system, period, method='foh')
+        above = np.ravel(above)
+        given = np.interp(even, t, values)
+        found, _ = lfilter(above, below, given, zi=given[0] * lfilter_zi(above, below))
+        follows: Array = np.interp(t, even, found)
+        return follows

@@ -14,8 +14,7 @@ import denoc_ros as dn
 from denoc_ros.bags.joint_table import TableTimes
 from denoc_ros.identification.model.free_parameters import SearchPoint
 from denoc_ros.identification.model.prediction import PreparedRun
-from denoc_ros.identification.model.sensor_filter import SensorFilter
-from denoc_ros.identification.model.sources import RecordingSettings, read_source
+from denoc_ros.identification.model.sources import RecordingSettings, SensorFilter, read_source
 from denoc_ros.types import Array
 
 ROBOTS = Path(__file__).resolve().parents[3] / 'config' / 'robots'
