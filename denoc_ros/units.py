@@ -1,4 +1,4 @@
-"""SI prefixes, for numbers that people read."""
+"""SI prefixes and units, for numbers that people read."""
 
 from __future__ import annotations
 
@@ -20,3 +20,8 @@ def si_prefix(size: float, smallest: float = 1e-9) -> tuple[float, str]:
         return NONE
     allowed = [entry for entry in PREFIXES if entry[0] >= smallest]
     return next((entry for entry in allowed if size >= entry[0]), allowed[-1])
+
+
+def deflection_unit(name: str) -> str:
+    """Return the unit of a tip's component, `link/ux` … `link/rz`: m, or rad of a turn."""
+    return 'rad' if name.rpartition('/')[2].startswith('r') else 'm'

@@ -158,8 +158,7 @@ def bag_contents(path: str | Path) -> BagContents:
 
 def bag_topics(path: str | Path) -> dict[str, str]:
     """Return the message type of each topic of a bag; errors as `read_bag`."""
-    with _open(Path(path)) as reader:
-        return {connection.topic: connection.msgtype for connection in reader.connections}
+    return {topic.name: topic.type for topic in bag_contents(path).topics}
 
 
 def read_attachment(path: str | Path, name: str) -> bytes:

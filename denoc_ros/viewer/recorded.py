@@ -17,6 +17,7 @@ from denoc_ros.dynamics.measured_side import described_coordinates
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import BagError, ConfigError
 from denoc_ros.types import Array
+from denoc_ros.units import deflection_unit
 from denoc_ros.viewer.snapshot import (
     Snapshot,
     deflection_channel,
@@ -42,7 +43,7 @@ DEFLECTIONS = {
 }
 RESIDUAL = 'predictor/sensor_residual'
 SHOWN_COMPONENTS = ('uy', 'uz', 'rx')
-NEGLIGIBLE = 1e-3  # of the largest deflection of its kind: not worth a strip chart
+NEGLIGIBLE = 1e-3  # of the largest deflection of its unit: neither shown nor judged
 RATE = 60.0  # Hz, of the moments kept
 
 
@@ -267,7 +268,7 @@ class RecordedRun(Sequence[Snapshot]):
             for what, rows in found.items()
             if rows is not None
         }
-        for name in _worth_showing(present):
+        for name in notable_deflections(_peaks(present), least=1e-12):
             for what, series in present.items():
                 if name in series.names:
                     values = series.select([name]).at(self.t)[:, 0]
@@ -287,20 +288,25 @@ def _known(columns: Mapping[str, Array], index: int) -> dict[str, float]:
     return {name: value for name, value in row.items() if math.isfinite(value)}
 
 
-def _worth_showing(present: Mapping[str, Series]) -> list[str]:
-    """Return the deflections that are not negligible beside others of their kind."""
+def _peaks(present: Mapping[str, Series]) -> dict[str, float]:
+    """Return the largest magnitude of each deflection, whoever tells it."""
     peaks: dict[str, float] = {}
     for series in present.values():
         for name, column in zip(series.names, series.values.T, strict=True):
             largest = float(np.nanmax(np.abs(column), initial=0.0))
             peaks[name] = max(peaks.get(name, 0.0), largest)
-    largest_of = {
-        kind: max((p for n, p in peaks.items() if n.rpartition('/')[2][:1] == kind), default=0.0)
-        for kind in ('u', 'r')
-    }
+    return peaks
+
+
+def notable_deflections(peaks: Mapping[str, float], least: float = 0.0) -> list[str]:
+    """Deflections with a peak [m, rad] beyond the least one, and not negligible among others."""
+    largest: dict[str, float] = {}
+    for name, peak in peaks.items():
+        unit = deflection_unit(name)
+        largest[unit] = max(largest.get(unit, 0.0), peak)
     return [
         name
         for name, peak in peaks.items()
-        if (kind := name.rpartition('/')[2]) in SHOWN_COMPONENTS
-        and peak > max(NEGLIGIBLE * largest_of[kind[0]], 1e-12)
+        if name.rpartition('/')[2] in SHOWN_COMPONENTS
+        and peak > max(NEGLIGIBLE * largest[deflection_unit(name)], least)
     ]
