@@ -159,8 +159,7 @@ class JointSeries(_Rows):
     def complete(self, names: Sequence[str] | None = None) -> JointSeries:
         """Return the rows that have a finite position of all joints, or of these."""
         whole = self if names is None else self.select(names)
-        finite: Flags = np.isfinite(whole.position).all(axis=1)
-        return self[finite]
+        return self[np.flatnonzero(np.isfinite(whole.position).all(axis=1))]
 
     def rises(self, last_ns: int = np.iinfo(np.int64).min) -> Flags:
         """Return which stamps (k,) are later than all before, and than a last one [ns]."""
@@ -383,7 +382,7 @@ def element_names(message: Any) -> tuple[str, ...]:
     number of elements, or there is none, the elements are numbered from 0.
     """
     width = np.size(message.data)
-    dimensions = getattr(getattr(message, 'layout', None), 'dim', ())
+    dimensions: Sequence[Any] = getattr(getattr(message, 'layout', None), 'dim', ())
     labels = tuple(dimensions[0].label.split(',')) if len(dimensions) else ()
     return labels if len(labels) == width else tuple(map(str, range(width)))
 
