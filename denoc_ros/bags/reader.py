@@ -16,11 +16,10 @@ from mcap.reader import Summary, make_reader
 from mcap.records import Chunk, ChunkIndex
 from rosbags.interfaces import MessageDefinitionFormat
 
-from denoc_ros.bags.decompression import decompressed
 from denoc_ros.bags.definitions import decode, message_types
 from denoc_ros.bags.metadata import METADATA_NAME, Qos, named_files
 from denoc_ros.bags.rosbags_bounds import AnyReader
-from denoc_ros.bags.storage import MAGIC, require_bounded_chunks
+from denoc_ros.bags.storage import MAGIC, decompressed, require_bounded_chunks
 from denoc_ros.errors import BagError
 from denoc_ros.types import Stamps
 

@@ -12,12 +12,12 @@ from data_files import PANDA_BAG, UR10_BAG
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from denoc_ros.bags.decompression import LARGEST_CHUNK
 from denoc_ros.bags.definitions import encode, exact_cdr
 from denoc_ros.bags.reader import bag_topics, read_attachment, read_bag
 from denoc_ros.bags.recover import recover
 from denoc_ros.bags.run import statuses
 from denoc_ros.bags.series import read_arrays, read_joint_states
+from denoc_ros.bags.storage import LARGEST_CHUNK
 from denoc_ros.bags.writer import BagWriter
 from denoc_ros.errors import BagError
 
