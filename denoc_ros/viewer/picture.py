@@ -97,7 +97,7 @@ class Canvas:
         return np.array(self._canvas.buffer_rgba())[:, :, :3]
 
 
-class Comparison:
+class ComparisonPicture:
     """Frames of a film that shows several motions of a robot beside each other.
 
     Parameters
