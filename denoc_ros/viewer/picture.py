@@ -15,7 +15,7 @@ from matplotlib.ticker import MaxNLocator, MultipleLocator
 from numpy.typing import NDArray
 
 from denoc_ros.types import Array
-from denoc_ros.units import si_prefix
+from denoc_ros.units import round_up, si_prefix
 from denoc_ros.viewer.bending import strain_colours
 from denoc_ros.viewer.recorded import RecordedRun
 from denoc_ros.viewer.scene_setup import SceneSetup
@@ -319,7 +319,7 @@ def _coordinates(axes: Axes, staging: SceneSetup, numbered: bool) -> None:
     for side in axes.spines.values():
         side.set_color(GRID)
     extent = max(np.ptp(axes.get_xlim()), np.ptp(axes.get_ylim()))
-    step = nice_step(float(extent) / SQUARES)
+    step = round_up(float(extent) / SQUARES)
     for axis in (axes.xaxis, axes.yaxis):
         axis.set_major_locator(MultipleLocator(step))
     axes.tick_params(colors=MUTED, labelsize=8, length=0)
@@ -351,7 +351,7 @@ def _floor(axes: Axes, staging: SceneSetup, noted: bool) -> None:
 def _floor_lines(staging: SceneSetup) -> tuple[Array, float]:
     """Return the lines (k, 2, 2) of the floor's squares in the picture and their width [m]."""
     low, high = staging.box
-    step = nice_step(float((high - low)[:2].max()) / SQUARES)
+    step = round_up(float((high - low)[:2].max()) / SQUARES)
     first, last = np.floor(low[:2] / step), np.ceil(high[:2] / step)
     lines = []
     for along, across in ((0, 1), (1, 0)):
@@ -361,12 +361,6 @@ def _floor_lines(staging: SceneSetup) -> tuple[Array, float]:
             ends[:, along] = first[along] * step, last[along] * step
             lines.append(ends)
     return staging.camera.project(np.array(lines))[:, :, :2], step
-
-
-def nice_step(size: float) -> float:
-    """Return the next 1, 2 or 5 times a power of ten above a size."""
-    power = 10.0 ** np.floor(np.log10(size))
-    return float(next(m * power for m in (1.0, 2.0, 5.0, 10.0) if m * power >= size * (1 - 1e-9)))
 
 
 def _colour_bar(

@@ -12,13 +12,13 @@ import numpy as np
 
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.types import Array
+from denoc_ros.units import round_up
 from denoc_ros.viewer.bending import PRESSED, STILL, STRETCHED, exaggerated
 from denoc_ros.viewer.outline import reach
 from denoc_ros.viewer.overlays import REACTION, REACTION_MOMENT, TORQUE, Overlays
 from denoc_ros.viewer.snapshot import Snapshot
 from denoc_ros.viewer.surfaces import Surfaces
 
-STEPS = (1.0, 2.0, 5.0, 10.0)  # of the strain scale, per decade
 LEAST_STRAIN = 1e-6
 PARALLEL = 1e-6
 DISTANCE = 0.95  # of the robot's reach, times the offset
@@ -169,12 +169,6 @@ def flat_direction(robot: Robot) -> Array | None:
     if not axes or max(np.linalg.norm(np.cross(axes[0], axis)) for axis in axes) > PARALLEL:
         return None
     return np.asarray(axes[0])
-
-
-def round_up(value: float) -> float:
-    """Return the next of 1, 2, 5, 10, … times a power of ten."""
-    power = 10.0 ** math.floor(math.log10(value))
-    return next(step * power for step in STEPS if value <= step * power * (1.0 + 1e-12))
 
 
 def _turn_to(axis: Array) -> Array:

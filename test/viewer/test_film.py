@@ -17,8 +17,8 @@ from simulated_bags import SimulatedBag
 from denoc_ros.bags.writer import BagWriter
 from denoc_ros.dynamics.robot import load_robot
 from denoc_ros.errors import ConfigError, StateError
+from denoc_ros.units import round_up
 from denoc_ros.viewer.film import Look, frame_times, write_film, write_strip
-from denoc_ros.viewer.picture import nice_step
 from denoc_ros.viewer.recorded import RecordedRun
 from denoc_ros.viewer.scene_setup import SHOWN, SceneSetup, best_view
 
@@ -247,7 +247,7 @@ def test_frame_times_fill_the_run() -> None:
 
 
 def test_grid_steps_are_round() -> None:
-    assert [nice_step(size) for size in (0.7, 1.0, 1.1, 3.0, 6.0, 0.013)] == pytest.approx(
+    assert [round_up(size) for size in (0.7, 1.0, 1.1, 3.0, 6.0, 0.013)] == pytest.approx(
         [1.0, 1.0, 2.0, 5.0, 10.0, 0.02]
     )
 
