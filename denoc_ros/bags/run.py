@@ -250,7 +250,9 @@ def read_run(
             f'got topics {", ".join(sorted(kinds)) or "(none)"}'
         )
     origin_ns = min((int(one.stamp_ns.min()) for one in series.values()), default=0)
-    rows = {topic: one.since(origin_ns).between(*window) for topic, one in series.items()}
+    rows = {topic: one.since(origin_ns) for topic, one in series.items()}
+    if window != ALL_TIME:
+        rows = {topic: one.between(*window) for topic, one in rows.items()}
     counts = {topic.name: topic.messages for topic in contents.topics}
     return RecordedTopics(path, kinds, counts, length, rows, kept, origin_ns, phases)
 
