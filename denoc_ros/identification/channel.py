@@ -14,7 +14,6 @@ from denoc_ros.bags.joint_state import FIELDS, JOINT_STATE
 from denoc_ros.bags.joint_table import TableTimes, shown, table_times
 from denoc_ros.bags.reader import Stamp, bag_topics, read_bag
 from denoc_ros.bags.series import (
-    JointSeries,
     elapsed,
     element_names,
     read_arrays,
@@ -25,7 +24,6 @@ from denoc_ros.errors import BagError
 from denoc_ros.identification.records import Record
 from denoc_ros.types import Array, Stamps
 
-JOINT_TOPIC = '/joint_states'
 MULTI_ARRAY = 'std_msgs/msg/Float64MultiArray'
 DEFLECTION_UNITS = {'u': 'm', 'r': 'rad'}
 DEEPEST = 4  # levels of a message that are looked into
@@ -135,23 +133,16 @@ def read_record(path: str | Path, channel: Channel) -> Reading:
     return Reading(record, path, replace(channel, unit=unit), origin_ns)
 
 
-def joints_beside(reading: Reading) -> JointSeries | None:
-    """Return a bag's `/joint_states` by a record's clock, None where it has none."""
-    path = reading.path
-    if is_table(path) or bag_topics(path).get(JOINT_TOPIC) != JOINT_STATE:
-        return None
-    series = read_joint_states(path, JOINT_TOPIC, stamp=reading.channel.stamp)
-    return series.since(reading.origin_ns)
-
-
 def joint_positions(reading: Reading, begin: float, end: float) -> dict[str, float]:
     """Return the median positions of a bag's joints in a window of a record's time [s].
 
     {} where the bag has no `/joint_states`. Errors as `read_record`.
     """
-    series = joints_beside(reading)
-    rows = None if series is None else series.between(begin, end)
-    if rows is None or not len(rows.t):
+    if is_table(reading.path) or '/joint_states' not in bag_topics(reading.path):
+        return {}
+    series = read_joint_states(reading.path, stamp=reading.channel.stamp)
+    rows = series.since(reading.origin_ns).between(begin, end)
+    if not len(rows.t):
         return {}
     return dict(zip(rows.names, np.nanmedian(rows.position, axis=0).tolist(), strict=True))
 

@@ -6,7 +6,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from denoc_ros.identification.channel import JOINT_TOPIC, Reading, joints_beside
+from denoc_ros.bags.joint_state import JOINT_STATE
+from denoc_ros.bags.reader import bag_topics
+from denoc_ros.bags.series import read_joint_states
+from denoc_ros.bags.tables import is_table
+from denoc_ros.identification.channel import Reading
 from denoc_ros.identification.quality import Mask
 from denoc_ros.identification.records import FEWEST_SAMPLES, Record
 from denoc_ros.identification.segments import Segment, find_segments
@@ -20,6 +24,7 @@ STEP = 0.02  # s, at least, over which a speed is taken
 QUIETEST = 10.0  # percent of the speeds, taken for noise
 OF_QUIETEST = 0.126  # standard deviations of noise that so many percent are below
 NOISY = 4.0  # standard deviations of the speed's noise: less is standing
+JOINT_TOPIC = '/joint_states'
 SHORTEST = 0.1  # s of standing
 SOON = 2.0  # cycles after the joints stop: a decay found there begins with the stop
 TOLERANCE = 0.01  # s
@@ -34,10 +39,10 @@ def standing_spans(reading: Reading) -> list[Span]:
     channel = reading.channel
     if channel.topic == JOINT_TOPIC and channel.quantity != 'effort':
         return []
-    series = joints_beside(reading)
-    if series is None:
+    if is_table(reading.path) or bag_topics(reading.path).get(JOINT_TOPIC) != JOINT_STATE:
         return []
-    t = series.t
+    series = read_joint_states(reading.path, JOINT_TOPIC, stamp=channel.stamp)
+    t = series.since(reading.origin_ns).t
     moving = [_moving(t, series.position[:, k]) for k in range(len(series.names))]
     told = [one for one in moving if one is not None]
     if not told:
