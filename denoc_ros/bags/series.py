@@ -475,9 +475,8 @@ def _reading(kind: str, message: Any, name: str, field: str, wrench_field: str) 
     if kind.endswith('JointState'):
         values = message.position if len(message.position) else message.effort
         return float(values[list(message.name).index(field or name)])
-    labels = message.layout.dim[0].label.split(',') if message.layout.dim else []
-    element = field or '0'
-    return float(message.data[labels.index(element) if element in labels else int(element)])
+    element, names = field or '0', element_names(message)
+    return float(message.data[names.index(element) if element in names else int(element)])
 
 
 def resolved(topic: str, topics: Iterable[str]) -> str:
