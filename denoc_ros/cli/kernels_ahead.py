@@ -30,7 +30,7 @@ HEAVY = {
     'advance_tied': 17.0,
     'forward_dynamics': 16.0,
     'inverse_dynamics_derivatives': 15.0,
-    'frame_acceleration_derivatives': 5.0,
+    'frame_acceleration_derivatives_rows': 5.0,
 }
 USUAL = 1.5  # s of any other
 # that the speed is measured by: the first loads the compiler, neither calls an algorithm apart

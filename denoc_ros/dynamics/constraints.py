@@ -106,9 +106,8 @@ def constrained_dynamics(robot: RobotModel, *arrays: Array) -> int:
     if status == MISFIT:
         held, *rows = arrays
         q, qd, given, tau, qdd, multipliers = (row[None] for row in rows)
-        inputs = (held, q, qd, given, tau)
         kernel = constrained.constrained_dynamics_rows
-        status = run_rows(robot, kernel, 1, inputs, (qdd, multipliers))
+        status = run_rows(robot, kernel, 1, held, q, qd, given, tau, qdd, multipliers)
     return status
 
 
@@ -120,12 +119,14 @@ def forward(robot: RobotModel, q: Array, qd: Array, tau: Array) -> tuple[Array, 
 def forward_rows(robot: RobotModel, q: Array, qd: Array, tau: Array) -> tuple[Array, Array]:
     """Return accelerations (k, n) and multipliers (k, rows) of many states in one call."""
     qdd, multipliers = np.empty_like(q), np.zeros((len(q), len(robot.constraint_names)))
-    inputs = (np.zeros(robot.n), q, qd, np.zeros_like(q), tau)
+    none, given = np.zeros(robot.n), np.zeros_like(q)
     if multipliers.size:
-        kernel, outputs = constrained.constrained_dynamics_rows, (qdd, multipliers)
+        kernel = constrained.constrained_dynamics_rows
+        rows = [none, q, qd, given, tau, qdd, multipliers]
     else:
-        kernel, outputs = articulated.articulated_dynamics_rows, (qdd, np.empty_like(q))
-    if run_rows(robot, kernel, len(q), inputs, outputs) != GOOD:
+        kernel = articulated.articulated_dynamics_rows
+        rows = [robot.armature, none, q, qd, given, tau, qdd, np.empty_like(q)]
+    if run_rows(robot, kernel, len(q), *rows) != GOOD:
         # the first state that has no answer says why
         each_row(lambda q, qd, tau: forward(robot, q, qd, tau), q, qd, tau)
     return qdd, multipliers

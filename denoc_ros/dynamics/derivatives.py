@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -25,7 +25,7 @@ from denoc_ros.kernels import (
     inverse_derivatives,
     load_derivatives,
 )
-from denoc_ros.kernels.compiled import entry, ready
+from denoc_ros.kernels.compiled import entry
 from denoc_ros.kernels.handle import GOOD, MISFIT
 from denoc_ros.types import Array
 
@@ -62,33 +62,8 @@ class HybridDerivatives(NamedTuple):
     inverse_inertia: Array
 
 
-class _Deferred:
-    """A kernel that compiles when it is called first.
-
-    Parameters
-    ----------
-    kernel : dispatcher
-
-    Attributes
-    ----------
-    call : callable
-        Calls the compiled function.
-    """
-
-    __slots__ = ('_kernel', 'call')
-
-    def __init__(self, kernel: Any) -> None:
-        self._kernel = kernel
-        self.call: Callable[..., int] = self._first
-
-    def _first(self, *arguments: Any) -> int:
-        ready(self._kernel)
-        self.call = entry(self._kernel)
-        return self.call(*arguments)
-
-
-_INVERSE = _Deferred(inverse_derivatives.inverse_dynamics_derivatives)
-_FORWARD = _Deferred(forward_derivatives.forward_dynamics_derivatives)
+_INVERSE = inverse_derivatives.inverse_dynamics_derivatives
+_FORWARD = forward_derivatives.forward_dynamics_derivatives
 
 
 class DifferentiableModel(ConstrainedModel):
@@ -139,7 +114,7 @@ class DifferentiableModel(ConstrainedModel):
             result = (_empty(self._square), _empty(self._square), _empty(self._square))
         else:
             result = _three(out)
-        status = _INVERSE.call(self.handle, q, qd, qdd, *result)
+        status = entry(_INVERSE)(self.handle, q, qd, qdd, *result)
         if status != GOOD:
             arguments = {'q': q, 'qd': qd, 'qdd': qdd}
             rows = inverse_derivatives.inverse_dynamics_derivatives_rows
@@ -185,7 +160,7 @@ class DifferentiableModel(ConstrainedModel):
             result = (_empty(self._square), _empty(self._square), _empty(self._square))
         else:
             result = _three(out)
-        status = _FORWARD.call(self.handle, q, qd, tau, *result)
+        status = entry(_FORWARD)(self.handle, q, qd, tau, *result)
         if status != GOOD:
             arguments = {'q': q, 'qd': qd, 'tau': tau}
             rows = forward_derivatives.forward_dynamics_derivatives_rows
@@ -260,7 +235,7 @@ class DifferentiableModel(ConstrainedModel):
         states[:, 0], states[:, 1], states[:, 2], states[:, 3] = rows[0], rows[1], 0.0, rows[3]
         states[:, 2, index] = rows[2]
         kernel = forward_derivatives.hybrid_dynamics_derivatives_rows
-        status = run_rows(self, kernel, k, (split.flags, states), (buffer,))
+        status = run_rows(self, kernel, k, split.flags, states, buffer)
         self._raise_for_status(status, check, q=q, qd=qd, qdd_joints=qdd_joints, tau=force)
         if wrenches:
             by_q, _, driven, _ = buffer[:, : 4 * n * n].reshape(k, 4, n, n).swapaxes(0, 1)
@@ -302,7 +277,7 @@ class DifferentiableModel(ConstrainedModel):
             a, b, c = (as_output(one, shape) for one in given)
             result = (a, b, c)
             flat = [one.reshape(k, n, n) for one in result]
-            status = run_rows(self, rows_kernel, k, rows, flat)
+            status = run_rows(self, rows_kernel, k, *rows, *flat)
         self._raise_for_status(status, check, **arrays)
         return result
 
@@ -311,10 +286,10 @@ class DifferentiableModel(ConstrainedModel):
         count = out.shape[0] if out.ndim == 3 else 1
         rows = np.array(np.broadcast_to(q, (count, self.n)))
         for frame, wrench in wrenches.items():
-            inputs = (rows, self._row(frame), as_vector('wrench', wrench, (6,)))
+            loaded = np.array([self._row(frame), *as_vector('wrench', wrench, (6,))])
             flat = out.reshape(count, self.n, self.n)
             kernel = load_derivatives.subtract_load_rows
-            self.raise_for_status(run_rows(self, kernel, count, inputs, (flat,)), q=q)
+            self.raise_for_status(run_rows(self, kernel, count, rows, loaded, flat), q=q)
 
 
 def _three(out: Sequence[Array]) -> Derivatives:

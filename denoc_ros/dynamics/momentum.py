@@ -74,6 +74,6 @@ class MassAndMomentum(RobotModel):
         single = all(state.ndim == 1 for state in states)
         rows = same_rows(states)
         out = np.empty((len(rows[0]), momentum.MOMENTUM_SIZE))
-        status = run_rows(self, momentum.momentum_rows, len(out), rows, (out,))
+        status = run_rows(self, momentum.momentum_rows, len(out), *rows, out)
         self._raise_for_status(status, check, q=states[0], qd=states[1])
         return out[0] if single else out

@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from denoc_ros.dynamics import structure
 from denoc_ros.dynamics.base_motion import Base
@@ -164,17 +164,16 @@ class SensorValues(DifferentiableMechanism, KinematicDerivatives):
         return rows
 
     @cached_property
-    def _inertial_frames(self) -> NDArray[np.int64]:
-        """The rows of the model on which inertial sensors are."""
+    def _inertial_frames(self) -> Array:
+        """How many inertial sensors there are, then the rows of the model on which they are."""
         frames = [self._row(sensor.frame) for sensor in self.tree.inertial_sensors]
-        return np.array(frames, dtype=np.int64)
+        return np.array([len(frames), *frames], dtype=np.float64)
 
     def _inertial_values(self, states: list[Array]) -> Array:
         """Return angular rate and specific force (k, sensors, 6) of all inertial sensors."""
         count, frames = len(states[0]), self._inertial_frames
-        motion = np.empty((count, len(frames), 6))
-        inputs = (*states, frames)
-        status = run_rows(self, inertial.inertial_values_rows, count, inputs, (motion,))
+        motion = np.empty((count, len(frames) - 1, 6))
+        status = run_rows(self, inertial.inertial_values_rows, count, *states, frames, motion)
         q, qd, qdd = states
         self.raise_for_status(status, q=q, qd=qd, qdd=qdd)
         return motion

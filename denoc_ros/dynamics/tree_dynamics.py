@@ -196,10 +196,11 @@ class TreeDynamics(MassAndMomentum):
         given = np.zeros(q.shape)
         given[:, index] = qdd_joints
         qdd, torque = np.empty(q.shape), np.empty(q.shape)
-        rows = (self.held(index), q, qd, given, force)
-        status = run_rows(self, articulated.articulated_dynamics_rows, len(q), rows, (qdd, torque))
+        held = self.held(index)
+        rows = (self.armature, held, q, qd, given, force, qdd, torque)
+        status = run_rows(self, articulated.articulated_dynamics_rows, len(q), *rows)
         self._raise_for_status(status, check, q=q, qd=qd, qdd_joints=qdd_joints, tau=force)
-        free = np.flatnonzero(rows[0] == 0.0)
+        free = np.flatnonzero(held == 0.0)
         torque, qdd = np.ascontiguousarray(torque[:, index]), np.ascontiguousarray(qdd[:, free])
         return (torque[0], qdd[0]) if single else (torque, qdd)
 
@@ -317,7 +318,7 @@ class TreeDynamics(MassAndMomentum):
             verb.kernel(self.handle, q, row, out)
         else:
             out = as_output(out, (len(q), *shape))
-            run_rows(self, verb.rows, len(q), (q, row), (out,))
+            run_rows(self, verb.rows, len(q), q, np.array([float(row)]), out)
         return out
 
     def _settle(
@@ -343,6 +344,6 @@ class TreeDynamics(MassAndMomentum):
             rows = same_rows(list(arrays.values()))
             k = len(rows[0])
             result = as_output(out, shape if single else (k, *shape))
-            status = run_rows(self, verb.rows, k, rows, (result.reshape(k, *shape),))
+            status = run_rows(self, verb.rows, k, *rows, result.reshape(k, *shape))
         self._raise_for_status(status, check, **arrays)
         return result

@@ -141,8 +141,12 @@ class KernelCache(caching.Cache):  # type: ignore[misc]
         for file in self._folder.glob(f'{self._name}.*{SUFFIX}'):
             file.unlink(missing_ok=True)
 
+    def _index_key(self, sig: Any, codegen: Any) -> tuple[Any, ...]:
+        """Return what tells functions of one name apart; the folder's name tells the source."""
+        return sig, codegen.magic_tuple()
+
     def _file(self, sig: Any, codegen: Any) -> Path:
-        """Return the file for a signature, a processor and the bytecode of the function."""
+        """Return the file for a signature and a processor."""
         key = CHECKSUM(repr(self._index_key(sig, codegen)).encode()).hexdigest()[:16]
         return self._folder / f'{self._name}.{key}{SUFFIX}'
 

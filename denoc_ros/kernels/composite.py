@@ -14,15 +14,13 @@ from denoc_ros.kernels.array_object import (
 )
 from denoc_ros.kernels.block import six
 from denoc_ros.kernels.body_inertia import flexible_inertia
-from denoc_ros.kernels.compiled import inlined, kernel, rows_kernel, shared
+from denoc_ros.kernels.compiled import inlined, kernel, shared
 from denoc_ros.kernels.handle import (
     GOOD,
     MISFIT,
     NOT_FINITE,
     at,
-    beyond,
     coordinates,
-    elements,
     model_arrays,
 )
 from denoc_ros.kernels.inverse import outward_motion
@@ -30,6 +28,7 @@ from denoc_ros.kernels.motion import linear_velocity
 from denoc_ros.kernels.placement import place_by_sines, place_modes
 from denoc_ros.kernels.sine_cosine import write_sines
 from denoc_ros.kernels.spring import spring_energy
+from denoc_ros.kernels.states import over_rows
 from denoc_ros.kernels.vector import (
     accumulate,
     add,
@@ -249,15 +248,7 @@ def inertia_matrix(handle, q, out):
     return find_inertia(handle, content(q), content(out))
 
 
-@rows_kernel('int64(int64, float64[:, ::1], int64, int64, float64[:, :, ::1])')
-def inertia_matrix_rows(handle, q, first, last, out):
-    """Do the same for rows first .. last - 1 of (k, n) states; return the worst status."""
-    n = coordinates(handle)
-    a, b = elements(q), elements(out)
-    worst = GOOD
-    for k in range(first, last):
-        worst = max(worst, find_inertia(handle, beyond(a, n * k), beyond(b, n * n * k)))
-    return worst
+inertia_matrix_rows = over_rows('inertia_matrix_rows', find_inertia, 2)
 
 
 @inlined
@@ -331,13 +322,4 @@ def energies(handle, q, qd, out):
     return find_energies(handle, content(q), content(qd), content(out))
 
 
-@rows_kernel('int64(int64, float64[:, ::1], float64[:, ::1], int64, int64, float64[:, ::1])')
-def energies_rows(handle, q, qd, first, last, out):
-    """Do the same for rows first .. last - 1 of (k, n) states; return the worst status."""
-    n = coordinates(handle)
-    a, b, c = elements(q), elements(qd), elements(out)
-    worst = GOOD
-    for k in range(first, last):
-        status = find_energies(handle, beyond(a, n * k), beyond(b, n * k), beyond(c, 2 * k))
-        worst = max(worst, status)
-    return worst
+energies_rows = over_rows('energies_rows', find_energies, 3)

@@ -5,20 +5,10 @@ from numba import types
 from denoc_ros.kernels import derivative_layout as diff_
 from denoc_ros.kernels import handle as rec_
 from denoc_ros.kernels import layout as at_
-from denoc_ros.kernels.array_object import (
-    READABLE,
-    WRITABLE,
-    array_object,
-    content,
-    is_matrix,
-    is_vector,
-)
 from denoc_ros.kernels.compiled import (
     NUMBERS,
     apart,
-    kernel,
     merged,
-    rows_kernel,
     short_inlined,
     short_shared,
 )
@@ -35,12 +25,9 @@ from denoc_ros.kernels.derivative_rows import (
 )
 from denoc_ros.kernels.handle import (
     GOOD,
-    MISFIT,
     NOT_FINITE,
     at,
-    beyond,
     coordinates,
-    elements,
     model_arrays,
 )
 from denoc_ros.kernels.internal import internal_slope
@@ -65,6 +52,7 @@ from denoc_ros.kernels.spatial import (
     strided_vector,
     wrench_about_origin,
 )
+from denoc_ros.kernels.states import matrices_of_state, over_rows
 from denoc_ros.kernels.vector import (
     add,
     all_finite,
@@ -291,46 +279,9 @@ def find_derivatives(handle, q, qd, qdd, by_q, by_rate, inertia):
     return GOOD if finite and all_finite(inertia, n * n) else NOT_FINITE
 
 
-@short_inlined
-def fit(handle, states, matrices):
-    """Say whether three objects are states (n,), and three more writable matrices (n, n)."""
-    n = coordinates(handle)
-    return (
-        is_vector(handle, states[0], n, READABLE)
-        and is_vector(handle, states[1], n, READABLE)
-        and is_vector(handle, states[2], n, READABLE)
-        and is_matrix(handle, matrices[0], n, WRITABLE)
-        and is_matrix(handle, matrices[1], n, WRITABLE)
-        and is_matrix(handle, matrices[2], n, WRITABLE)
-    )
+inverse_dynamics_derivatives = matrices_of_state('inverse_dynamics_derivatives', find_derivatives)
 
 
-@kernel(types.int64(types.int64, *[array_object] * 6))
-def inverse_dynamics_derivatives(handle, q, qd, qdd, by_q, by_rate, inertia):
-    """Write d tau / dq, d tau / dq' and I (n, n each)."""
-    if not fit(handle, (q, qd, qdd), (by_q, by_rate, inertia)):
-        return MISFIT
-    return find_derivatives(
-        handle, content(q), content(qd), content(qdd), content(by_q), content(by_rate),
-        content(inertia),
-    )  # fmt: skip
-
-
-@rows_kernel(
-    'int64(int64, float64[:, ::1], float64[:, ::1], float64[:, ::1], int64, int64, '
-    'float64[:, :, ::1], float64[:, :, ::1], float64[:, :, ::1])'
+inverse_dynamics_derivatives_rows = over_rows(
+    'inverse_dynamics_derivatives_rows', find_derivatives, 6
 )
-def inverse_dynamics_derivatives_rows(handle, q, qd, qdd, first, last, by_q, by_rate, inertia):
-    """Do the same for rows first .. last - 1 of (k, n) states; return the worst status."""
-    n = coordinates(handle)
-    a, b, c = elements(q), elements(qd), elements(qdd)
-    d, e, f = elements(by_q), elements(by_rate), elements(inertia)
-    worst = GOOD
-    for row in range(first, last):
-        k, m = n * row, n * n * row
-        status = find_derivatives(
-            handle, beyond(a, k), beyond(b, k), beyond(c, k), beyond(d, m), beyond(e, m),
-            beyond(f, m),
-        )  # fmt: skip
-        worst = max(worst, status)
-    return worst

@@ -1,20 +1,19 @@
 """Momentum, mass and first moment of all bodies together, in base axes about the base's origin."""
 
 from denoc_ros.kernels import layout as at_
-from denoc_ros.kernels.compiled import inlined, rows_kernel, shared
+from denoc_ros.kernels.compiled import inlined, shared
 from denoc_ros.kernels.composite import own_composite, rigid_wrench
 from denoc_ros.kernels.handle import (
     GOOD,
     NOT_FINITE,
     ZERO,
     at,
-    beyond,
     coordinates,
-    elements,
     model_arrays,
 )
 from denoc_ros.kernels.inverse import outward_motion
 from denoc_ros.kernels.motion import linear_velocity
+from denoc_ros.kernels.states import over_rows
 from denoc_ros.kernels.vector import accumulate, add, all_finite, cross, load, rotate, scale
 from denoc_ros.kernels.world import world_pose
 
@@ -68,15 +67,4 @@ def find_momentum(handle, q, qd, out):
     return GOOD if all_finite(out, MOMENTUM_SIZE) else NOT_FINITE
 
 
-@rows_kernel('int64(int64, float64[:, ::1], float64[:, ::1], int64, int64, float64[:, ::1])')
-def momentum_rows(handle, q, qd, first, last, out):
-    """Write momentum, mass and first moment (10) of rows first .. last - 1 of (k, n) states."""
-    n = coordinates(handle)
-    a, b, c = elements(q), elements(qd), elements(out)
-    worst = GOOD
-    for k in range(first, last):
-        status = find_momentum(
-            handle, beyond(a, n * k), beyond(b, n * k), beyond(c, MOMENTUM_SIZE * k)
-        )
-        worst = max(worst, status)
-    return worst
+momentum_rows = over_rows('momentum_rows', find_momentum, 3)
