@@ -66,14 +66,14 @@ def kernels(loops: bool, plans: bool) -> list[Any]:
         Whether a phase shapes its reference, or a node plans.
     """
     of_robot = CONSTRAINT_KERNELS if loops else DRIVEN_KERNELS
-    found = [*KERNELS, *of_robot, correction.take_values, message_values.take_numbers]
+    found = [*KERNELS, *of_robot, inverse_derivatives.inverse_dynamics_derivatives]
+    found += [correction.take_values, message_values.take_numbers]
     if plans:
         found += [
             inverse.inverse_dynamics_rows,
             world.frame_pose_rows,
             world.frame_jacobian_rows,
             inverse_derivatives.inverse_dynamics_derivatives_rows,
-            inverse_derivatives.inverse_dynamics_derivatives,
         ]
     return _heavy_at_both_ends(found)
 

@@ -6,6 +6,8 @@ planar loop in space has two or three of them): multipliers are then those of le
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
@@ -17,6 +19,10 @@ from denoc_ros.kernels import articulated, closure, constrained, constraint_layo
 from denoc_ros.kernels.closing import OPEN, OPENED
 from denoc_ros.kernels.compiled import entry
 from denoc_ros.kernels.constrained import CONTRADICTED
+from denoc_ros.kernels.constrained_derivatives import (
+    constraint_force_change,
+    constraint_row_rates,
+)
 from denoc_ros.kernels.handle import GOOD, MISFIT
 from denoc_ros.types import Array
 
@@ -27,6 +33,25 @@ RANK = 1e-6
 # Equations that cannot all be met contradict each other by more than this part of their terms:
 # a closed state is closed to 1e-9, torques and accelerations come from files and trajectories.
 AGREEMENT = 1e-6
+
+
+class RowDerivatives(NamedTuple):
+    """Rows J (rows, n) of constraints, those (axes, n) of loops' free axes, and their changes.
+
+    Derivatives of the rows' g'' = J q'' + J' q' by q and q', and of the free axes' rates by q.
+    """
+
+    rows: Array
+    by_q: Array
+    by_rate: Array
+    axes: Array
+    axis_rates_by_q: Array
+
+
+def row_count(robot: RobotModel) -> int:
+    """Return the number of all rows, those of free axes included."""
+    axes = int(robot.arrays.topology[0, constraint_layout.AXIS_ROWS])
+    return len(robot.constraint_names) + axes
 
 
 def closure_rows(robot: RobotModel, q: Array, qd: Array) -> Array:
@@ -41,11 +66,42 @@ def closure_rows(robot: RobotModel, q: Array, qd: Array) -> Array:
 def jacobian(robot: RobotModel, q: Array) -> tuple[Array, Array]:
     """Return J (rows, n) and the rows (axes, n) of free axes with damping or friction."""
     rows = len(robot.constraint_names)
-    out = np.empty((rows + int(robot.arrays.topology[0, constraint_layout.AXIS_ROWS]), robot.n))
+    out = np.empty((row_count(robot), robot.n))
     if not rows:
         return out, out
     robot.raise_for_status(closure.closure_jacobian(robot.handle, q, out), q=q)
     return out[:rows], out[rows:]
+
+
+def row_derivatives(robot: RobotModel, q: Array, qd: Array, qdd: Array) -> RowDerivatives:
+    """Return the rows and how their accelerations g'' change with a closed state."""
+    out = np.zeros((3, row_count(robot), robot.n))
+    hard = len(robot.constraint_names)
+    if out.size:
+        kernel = entry(constraint_row_rates)
+        robot.raise_for_status(kernel(robot.handle, q, qd, qdd, out), q=q)
+    (rows, rates, up), (axes, axis_rates, _) = out[:, :hard], out[:, hard:]
+    return RowDerivatives(rows, up, 2.0 * rates, axes, axis_rates)
+
+
+def applied_change(robot: RobotModel, q: Array, v: Array) -> Array:
+    """Return d(J v)/dq (rows, n) with v (n,) constant."""
+    return row_derivatives(robot, q, np.zeros(robot.n), v).by_q
+
+
+def transposed_change(robot: RobotModel, q: Array, weights: Array, axis_weights: Array) -> Array:
+    """Return d(J^T weights + axes^T axis_weights)/dq (n, n), both weights constant.
+
+    Each loop's weights are a wrench on its child and the opposite one on its parent: they change
+    as the frames move, and so does what they do to the coordinates.
+    """
+    change, given = np.zeros((robot.n, robot.n)), np.zeros(row_count(robot))
+    if given.size:
+        given[: len(weights)] = weights
+        given[len(weights) : len(weights) + len(axis_weights)] = axis_weights
+        kernel = entry(constraint_force_change)
+        robot.raise_for_status(kernel(robot.handle, q, given, change), q=q)
+    return -change
 
 
 def required_force(robot: RobotModel, q: Array, qd: Array, qdd: Array, axes: Array) -> Array:
@@ -59,11 +115,23 @@ def required_force(robot: RobotModel, q: Array, qd: Array, qdd: Array, axes: Arr
 
 def add_loop_friction(robot: RobotModel, qd: Array, axes: Array, force: Array) -> None:
     """Add damping and friction of the loops' own joints to a force (n,) in place."""
-    resisting = [loop for loop in robot.tree.loops if loop.damping > 0.0 or loop.friction > 0.0]
-    for loop, axis in zip(resisting, axes, strict=True):
-        rate = float(axis @ qd)
-        slip = np.tanh(rate / robot.slip_rate)
-        force += axis * (loop.damping * rate + loop.friction * slip)
+    for axis, resisting in zip(axes, axis_resistance(robot, axes, qd)[0], strict=True):
+        force += axis * resisting
+
+
+def axis_resistance(
+    robot: RobotModel, axes: Array, qd: Array, friction: bool = True
+) -> tuple[Array, Array]:
+    """Return force and slope (axes,) of damping and friction along the loops' free axes.
+
+    friction: False leaves out the slope of friction.
+    """
+    loops = [loop for loop in robot.tree.loops if loop.damping > 0.0 or loop.friction > 0.0]
+    damping, dry = np.array([(x.damping, x.friction) for x in loops]).reshape(-1, 2).T
+    rates, scale = axes @ qd, robot.slip_rate
+    slip = np.tanh(rates / scale)
+    slope = damping + dry / scale * (1.0 - slip**2) if friction else damping
+    return damping * rates + dry * slip, slope
 
 
 def least_solution(matrix: Array, wanted: Array) -> tuple[Array, Array]:

@@ -14,6 +14,9 @@ from denoc_ros.dynamics.linearization import stiffness
 from denoc_ros.dynamics.springs import half_play
 from denoc_ros.dynamics.validation import as_vector
 from denoc_ros.errors import SolverError
+from denoc_ros.kernels.compiled import ready
+from denoc_ros.kernels.inverse_derivatives import inverse_dynamics_derivatives
+from denoc_ros.kernels.load_derivatives import subtract_load_rows
 from denoc_ros.types import Array
 
 Int = NDArray[np.int64]
@@ -78,6 +81,8 @@ class Equilibrium:
         self._inverse: Array = np.zeros((size, size))
         self._loose = np.flatnonzero(half_play(robot))
         self._found = self._unsettled = False
+        # a search in a loop waits for no compiler
+        ready(inverse_dynamics_derivatives, *([subtract_load_rows] if wrenches else []))
 
     def forget(self) -> None:
         """Discard the tangent: the followed equilibrium is no longer nearby."""

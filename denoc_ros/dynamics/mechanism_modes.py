@@ -7,15 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.linalg
 
-from denoc_ros.dynamics.constraint_derivatives import force_change_is_ready, transposed_change
-from denoc_ros.dynamics.constraints import RANK, jacobian, least_solution
+from denoc_ros.dynamics.constraints import RANK, jacobian, least_solution, transposed_change
 from denoc_ros.dynamics.derivatives import DifferentiableModel
-from denoc_ros.dynamics.linearization import (
-    NaturalModes,
-    derivative,
-    difference_steps,
-    stiffness,
-)
+from denoc_ros.dynamics.linearization import NaturalModes, stiffness
 from denoc_ros.dynamics.mobility import rank_of
 from denoc_ros.types import Array
 
@@ -81,7 +75,7 @@ def mechanism_modes(robot: DifferentiableModel, q: Array, held: Sequence[str]) -
         zero = np.zeros(robot.n)
         load = robot.inverse_dynamics(q, zero, zero)[free]
         multipliers = least_solution(rows[:, free].T, load)[0]
-        turning = _turning(robot, q, multipliers)
+        turning = transposed_change(robot, q, multipliers, np.zeros(0))
         tangent = tangent - 0.5 * (turning + turning.T)
         allowed = scipy.linalg.null_space(rows[:, free], rcond=RANK)
     else:
@@ -98,13 +92,6 @@ def mechanism_modes(robot: DifferentiableModel, q: Array, held: Sequence[str]) -
     modal = np.einsum('ij,i,ij->j', shapes, robot.damping, shapes)
     ratios = np.divide(modal, 2.0 * omega, out=np.zeros_like(modal), where=omega > 0.0)
     return NaturalModes(np.sign(squares) * omega / (2.0 * np.pi), shapes, ratios)
-
-
-def _turning(robot: DifferentiableModel, q: Array, multipliers: Array) -> Array:
-    """Return d(J^T multipliers)/dq (n, n): analytical once its kernel is compiled."""
-    if force_change_is_ready():
-        return transposed_change(robot, q, multipliers, np.zeros(0))
-    return derivative(lambda x: multipliers @ jacobian(robot, x)[0], q, difference_steps(robot))
 
 
 def _depth(robot: DifferentiableModel, joint: str) -> int:

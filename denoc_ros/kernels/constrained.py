@@ -105,6 +105,15 @@ def add_rows(work, t, rows, first, last, n, y):
 
 
 @inlined
+def axis_resistance(constants, c, rate):
+    """Return force and slope of damping and friction along a free axis."""
+    slip = np.tanh(rate / constants[at_.SLIP_RATE])
+    force = constants[c + loop_.DAMPING] * rate + constants[c + loop_.FRICTION] * slip
+    slope = constants[c + loop_.FRICTION] / constants[at_.SLIP_RATE] * (1.0 - slip * slip)
+    return force, constants[c + loop_.DAMPING] + slope
+
+
+@inlined
 def resist(topology, constants, work, t, rows, stage):
     """Write the forces of damping and friction along free axes as multipliers, and their slope."""
     for constraint in constraints(topology):
@@ -112,14 +121,11 @@ def resist(topology, constants, work, t, rows, stage):
         if at(topology, constraint, loop_.KIND) == loop_.MIMIC or k == 0:
             continue
         c = at(topology, constraint, loop_.CONSTANTS)
-        rate = work[vector(t, rows, loop_.RATE) + k]
-        slip = np.tanh(rate / constants[at_.SLIP_RATE])
-        force = constants[c + loop_.DAMPING] * rate + constants[c + loop_.FRICTION] * slip
+        force, slope = axis_resistance(constants, c, work[vector(t, rows, loop_.RATE) + k])
         push = work[vector(t, rows, loop_.AXIS_FORCE) + k] if stage == SECOND_STAGE else 0.0
         work[vector(t, rows, loop_.MULTIPLIERS) + k] = push - force
         if stage == FIRST_STAGE:
-            slope = constants[c + loop_.FRICTION] / constants[at_.SLIP_RATE] * (1.0 - slip * slip)
-            work[vector(t, rows, loop_.SLOPE) + k] = constants[c + loop_.DAMPING] + slope
+            work[vector(t, rows, loop_.SLOPE) + k] = slope
 
 
 @inlined

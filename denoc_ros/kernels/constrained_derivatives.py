@@ -17,7 +17,7 @@ from denoc_ros.kernels import constrained_derivative_layout as cdiff_
 from denoc_ros.kernels import constraint_layout as loop_
 from denoc_ros.kernels.closure import all_rows, constraints
 from denoc_ros.kernels.compiled import kernel, merged, rows_kernel, shared
-from denoc_ros.kernels.constrained import EXPLICIT, find_constrained
+from denoc_ros.kernels.constrained import EXPLICIT, axis_resistance, find_constrained
 from denoc_ros.kernels.constrained_accelerations import (
     push_motion,
     solve_pushes,
@@ -28,7 +28,6 @@ from denoc_ros.kernels.constrained_accelerations import (
 from denoc_ros.kernels.constrained_results import deliver_all
 from denoc_ros.kernels.constrained_rooms import room, room_place
 from denoc_ros.kernels.constrained_torques import (
-    axis_resistance,
     factor_saddle,
     find_need,
     find_reactions,

@@ -5,32 +5,21 @@ coordinates. What it leaves open are multipliers with J^T lambda = 0: these turn
 J x = lambda.
 """
 
-import numpy as np
-
 from denoc_ros.kernels import constrained_derivative_layout as cdiff_
 from denoc_ros.kernels import constraint_layout as loop_
 from denoc_ros.kernels.closure import all_rows, constraints
 from denoc_ros.kernels.compiled import inlined, merged, shared
+from denoc_ros.kernels.constrained import axis_resistance
 from denoc_ros.kernels.constrained_rooms import add_products, room
 from denoc_ros.kernels.constraint_rates import constraint_rates
 from denoc_ros.kernels.handle import at, coordinates, model_arrays
 from denoc_ros.kernels.inverse import find_torque
-from denoc_ros.kernels.layout import SLIP_RATE
 from denoc_ros.kernels.orthogonal import add_open, decompose, solve_least, spread_solution
 
 # As in dynamics.constraints. The verbs themselves say what is wrong, and their sums round
 # differently: what they let pass must pass here.
 LEAST_COLUMN = 1e-6
 AGREEMENT = 2e-6
-
-
-@inlined
-def axis_resistance(constants, c, rate):
-    """Return force and slope of damping and friction along a free axis."""
-    slip = np.tanh(rate / constants[SLIP_RATE])
-    force = constants[c + loop_.DAMPING] * rate + constants[c + loop_.FRICTION] * slip
-    slope = constants[c + loop_.FRICTION] / constants[SLIP_RATE] * (1.0 - slip * slip)
-    return force, constants[c + loop_.DAMPING] + slope
 
 
 @inlined

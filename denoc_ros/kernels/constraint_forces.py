@@ -13,16 +13,11 @@ from denoc_ros.kernels import constrained_derivative_layout as cdiff_
 from denoc_ros.kernels import constraint_layout as loop_
 from denoc_ros.kernels.closure import constraints
 from denoc_ros.kernels.compiled import inlined, merged, shared
-from denoc_ros.kernels.constraint_rates import (
-    NONE,
-    aligned_torque,
-    loop_place,
-    places_of,
-    universal_torque,
-)
+from denoc_ros.kernels.constraint_rates import loop_place, places_of, universal_torque
 from denoc_ros.kernels.handle import at, coordinates, model_arrays
 from denoc_ros.kernels.layout import WORK, WORLD_ROTATION
 from denoc_ros.kernels.load_derivatives import subtract_load
+from denoc_ros.kernels.loop_motion import NONE, aligned_error, aligned_torque
 from denoc_ros.kernels.pointers import part
 from denoc_ros.kernels.spatial import pair
 from denoc_ros.kernels.vector import (
@@ -71,7 +66,8 @@ def torque_of(topology, constants, work, constraint, turn, first, w):
         + 3 * at(topology, constraint, loop_.LINEAR)
     )
     along = weighted(constants, work, o, first, at(topology, constraint, loop_.ANGULAR))
-    found = aligned_torque(topology, constants, work, constraint, turn, along, w, NONE)
+    error = aligned_error(topology, constants, work, constraint, turn, w, NONE)
+    found = aligned_torque(topology, constants, work, constraint, turn, along, error, w, NONE)
     return found[0], found[1]
 
 

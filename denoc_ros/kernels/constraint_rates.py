@@ -5,10 +5,6 @@ q' = 0 and q'' = v, d(J v)/dq = J''. A multiplier's unit wrench in the parent's 
 child's origin, has a constant force f and a torque t that turns with the relative rotation: with
 the relative columns [l; u] of :mod:`denoc_ros.kernels.relative_columns`, J = f . l + t . u.
 
-Directions r that must agree on both sides (see loop_motion) give along a direction a
-
-    t = (2 h sum R r x (a x r) + (a . e) w) / (1 + c).
-
 Free axes with damping or friction have rows too; their rates are not derivatives of an error, and
 in the place of J' stands how the rate changes with q.
 """
@@ -21,12 +17,12 @@ from denoc_ros.kernels.constrained_derivative_layout import lay_out
 from denoc_ros.kernels.frame_motion import move_world
 from denoc_ros.kernels.handle import at, coordinates, model_arrays
 from denoc_ros.kernels.layout import COORDINATE
+from denoc_ros.kernels.loop_motion import NONE, aligned_error, aligned_torque, crossed_directions
 from denoc_ros.kernels.multipliers import columns_of
 from denoc_ros.kernels.relative_columns import loop_columns
 from denoc_ros.kernels.spatial import dot_pair, pair
-from denoc_ros.kernels.vector import add, cross, dot, load, rotate, scale, subtract
+from denoc_ros.kernels.vector import cross, dot, load, scale
 
-NONE = (0.0, 0.0, 0.0)
 _lay_out = inlined(lay_out)
 
 
@@ -52,66 +48,12 @@ def loop_place(topology, places, constraint, n):
 
 
 @inlined
-def quotient(m, c, dc, ddc):
-    """Return m / c of a vector and its two rates by those of both."""
-    s = 1.0 / c
-    x = scale(s, m[0])
-    first = scale(s, subtract(m[1], scale(dc, x)))
-    second = subtract(m[2], add(scale(2.0 * dc, first), scale(ddc, x)))
-    return x, first, scale(s, second)
-
-
-@inlined
-def direction_rates(constants, work, turn, r, w, al):
-    """Return a direction of the child in the parent's axes and its two rates."""
-    there = rotate(work, turn, load(constants, r))
-    rate = cross(w, there)
-    return there, rate, add(cross(al, there), cross(w, rate))
-
-
-@inlined
-def aligned_torque(topology, constants, work, constraint, turn, along, w, al):
-    """Return the torque t of directions that must agree, and its two rates.
-
-    turn: where the relative rotation stands, which changes with w and al; along: (3).
-    """
-    first = at(topology, constraint, loop_.CONSTANTS) + loop_.DIRECTIONS
-    first += 3 * (at(topology, constraint, loop_.LINEAR) + at(topology, constraint, loop_.ANGULAR))
-    last = first + 3 * at(topology, constraint, loop_.REFERENCES)
-    h = 0.5 if at(topology, constraint, loop_.KIND) == loop_.ORIENTED else 1.0
-    c, dc, ddc = 0.5 if h == 0.5 else 1.0, 0.0, 0.0
-    v, dv, ddv = NONE, NONE, NONE
-    m, dm, ddm = NONE, NONE, NONE
-    for r in range(first, last, 3):
-        here = load(constants, r)
-        there, rate, up = direction_rates(constants, work, turn, r, w, al)
-        lever = scale(2.0 * h, cross(along, here))
-        here = scale(h, here)
-        c, dc, ddc = c + dot(here, there), dc + dot(here, rate), ddc + dot(here, up)
-        v, dv, ddv = (
-            add(v, cross(here, there)),
-            add(dv, cross(here, rate)),
-            add(ddv, cross(here, up)),
-        )
-        m, dm, ddm = (
-            add(m, cross(there, lever)),
-            add(dm, cross(rate, lever)),
-            add(ddm, cross(up, lever)),
-        )
-    e = quotient((scale(2.0, v), scale(2.0, dv), scale(2.0, ddv)), c, dc, ddc)
-    s, ds, dds = dot(along, e[0]), dot(along, e[1]), dot(along, e[2])
-    m = add(m, scale(s, v))
-    dm = add(dm, add(scale(ds, v), scale(s, dv)))
-    ddm = add(ddm, add(scale(dds, v), add(scale(2.0 * ds, dv), scale(s, ddv))))
-    return quotient((m, dm, ddm), c, dc, ddc)
-
-
-@inlined
 def universal_torque(topology, constants, work, constraint, turn, factor, w, al):
     """Return the torque of a universal joint's row times a factor, and its two rates."""
-    c = at(topology, constraint, loop_.CONSTANTS)
-    axis = scale(factor, load(constants, c + loop_.FREE_AXIS))
-    there, rate, up = direction_rates(constants, work, turn, c + loop_.SECOND_AXIS, w, al)
+    axis, (there, rate, up) = crossed_directions(
+        topology, constants, work, constraint, turn, w, al
+    )
+    axis = scale(factor, axis)
     return cross(axis, there), cross(axis, rate), cross(axis, up)
 
 
@@ -181,9 +123,12 @@ def put_loop_rows(topology, constants, work, constraint, loop, out, size, n):
         torque = universal_torque(topology, constants, work, constraint, turn, 1.0, w, al)
         put_row(work, columns, o, size, n, NONE, torque)
     elif kind != loop_.POINT:
+        error = aligned_error(topology, constants, work, constraint, turn, w, al)
         for k in range(angular):
             along = load(constants, c + loop_.DIRECTIONS + 3 * (linear + k))
-            torque = aligned_torque(topology, constants, work, constraint, turn, along, w, al)
+            torque = aligned_torque(
+                topology, constants, work, constraint, turn, along, error, w, al
+            )
             put_row(work, columns, o + n * k, size, n, NONE, torque)
     if at(topology, constraint, loop_.AXIS_ROW) > 0:
         o = out + n * at(topology, constraint, loop_.AXIS_ROW)
