@@ -19,7 +19,7 @@ from denoc_ros import kernels as package
 from denoc_ros.dynamics.robot_model import CONSTRAINT_KERNELS, KERNELS
 from denoc_ros.dynamics.stepper import DRIVEN_KERNELS
 from denoc_ros.errors import DenocError
-from denoc_ros.kernels import correction, inverse, inverse_derivatives, message_values, world
+from denoc_ros.kernels import inverse, inverse_derivatives, kalman, message_values, world
 from denoc_ros.kernels.cache import is_kept
 from denoc_ros.kernels.compiled import DECLARED, ready
 
@@ -67,7 +67,7 @@ def kernels(loops: bool, plans: bool) -> list[Any]:
     """
     of_robot = CONSTRAINT_KERNELS if loops else DRIVEN_KERNELS
     found = [*KERNELS, *of_robot, inverse_derivatives.inverse_dynamics_derivatives]
-    found += [correction.take_values, message_values.take_numbers]
+    found += [kalman.take_values, message_values.take_numbers]
     if plans:
         found += [
             inverse.inverse_dynamics_rows,

@@ -9,7 +9,7 @@ from denoc_ros.dynamics.base_motion import Base
 from denoc_ros.dynamics.batch import run_rows
 from denoc_ros.dynamics.robot_model import RobotModel
 from denoc_ros.dynamics.validation import as_output, as_rows, same_rows
-from denoc_ros.kernels import momentum
+from denoc_ros.kernels import composite
 from denoc_ros.types import Array
 
 
@@ -19,7 +19,7 @@ class MassAndMomentum(RobotModel):
     @property
     def mass(self) -> float:
         """Mass of all bodies and payloads [kg]."""
-        return float(self._sums(self._zero, self._zero)[momentum.MASS])
+        return float(self._sums(self._zero, self._zero)[composite.MASS])
 
     def momentum(
         self,
@@ -60,20 +60,20 @@ class MassAndMomentum(RobotModel):
             return self._on_base(base, self.momentum, q, qd, out=out, check=check)
         sums = self._sums(q, qd, check)
         out = as_output(out, (*sums.shape[:-1], 6))
-        out[...] = sums[..., : momentum.MASS]
+        out[...] = sums[..., : composite.MASS]
         return out
 
     def centre_of_mass(self, q: ArrayLike, check: bool = True) -> Array:
         """Return the centre of mass (3,) or (k, 3) of all bodies in the base frame [m]."""
         sums = self._sums(q, self._zero, check)
-        return np.asarray(sums[..., momentum.FIRST_MOMENT :] / sums[..., momentum.MASS, None])
+        return np.asarray(sums[..., composite.FIRST_MOMENT :] / sums[..., composite.MASS, None])
 
     def _sums(self, q: ArrayLike, qd: ArrayLike, check: bool = True) -> Array:
         """Return momentum, mass and first moment (10,) or (k, 10)."""
         states = [as_rows('q', q, self.n), as_rows('qd', qd, self.n)]
         single = all(state.ndim == 1 for state in states)
         rows = same_rows(states)
-        out = np.empty((len(rows[0]), momentum.MOMENTUM_SIZE))
-        status = run_rows(self, momentum.momentum_rows, len(out), *rows, out)
+        out = np.empty((len(rows[0]), composite.MOMENTUM_SIZE))
+        status = run_rows(self, composite.momentum_rows, len(out), *rows, out)
         self._raise_for_status(status, check, q=states[0], qd=states[1])
         return out[0] if single else out

@@ -15,7 +15,7 @@ from denoc_ros.dynamics.kinematic_derivatives import KinematicDerivatives
 from denoc_ros.dynamics.outboard_loads import OutboardLoads
 from denoc_ros.dynamics.rotations import cross_matrices
 from denoc_ros.dynamics.validation import as_states, same_rows
-from denoc_ros.kernels import inertial
+from denoc_ros.kernels import frame_motion
 from denoc_ros.model.arrays import ModelArrays
 from denoc_ros.model.tree import InertialSensor
 from denoc_ros.types import Array
@@ -173,7 +173,7 @@ class SensorValues(DifferentiableMechanism, KinematicDerivatives):
         """Return angular rate and specific force (k, sensors, 6) of all inertial sensors."""
         count, frames = len(states[0]), self._inertial_frames
         motion = np.empty((count, len(frames) - 1, 6))
-        status = run_rows(self, inertial.inertial_values_rows, count, *states, frames, motion)
+        status = run_rows(self, frame_motion.inertial_values_rows, count, *states, frames, motion)
         q, qd, qdd = states
         self.raise_for_status(status, q=q, qd=qd, qdd=qdd)
         return motion

@@ -10,7 +10,7 @@ from denoc_ros.dynamics.stepper import raise_step_status
 from denoc_ros.errors import ModelError, StateError
 from denoc_ros.kernels.compiled import ready
 from denoc_ros.kernels.handle import MISFIT
-from denoc_ros.kernels.step_along import ALONG_ROWS, advance_along
+from denoc_ros.kernels.step import ALONG_ROWS, advance_along
 from denoc_ros.types import Array
 
 if TYPE_CHECKING:

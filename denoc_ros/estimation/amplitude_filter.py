@@ -17,7 +17,7 @@ from denoc_ros.dynamics.section import Section
 from denoc_ros.dynamics.springs import spring_indices
 from denoc_ros.errors import StateError
 from denoc_ros.kernels.compiled import ready
-from denoc_ros.kernels.correction import take_values
+from denoc_ros.kernels.kalman import take_values
 from denoc_ros.kernels.step import GAMMA
 from denoc_ros.model.arrays import is_flexible
 from denoc_ros.types import Array

@@ -14,7 +14,13 @@ from denoc_ros.kernels import layout as at_
 from denoc_ros.kernels.block import block_at, wrench_of
 from denoc_ros.kernels.body_inertia import body_inertia, flexible_block
 from denoc_ros.kernels.compiled import NUMBERS, apart, inlined, kernel
-from denoc_ros.kernels.flexible_elimination import inward_flexible, outward_flexible
+from denoc_ros.kernels.elimination import (
+    along_joint,
+    inward_flexible,
+    inward_rigid,
+    outward_flexible,
+    outward_rigid,
+)
 from denoc_ros.kernels.handle import (
     GOOD,
     NOT_FINITE,
@@ -24,10 +30,9 @@ from denoc_ros.kernels.handle import (
     elements,
     model_arrays,
 )
-from denoc_ros.kernels.internal import internal_force
 from denoc_ros.kernels.inverse import joint_force, outward_motion
 from denoc_ros.kernels.link_side import lacks_rotor
-from denoc_ros.kernels.rigid_elimination import along_joint, inward_rigid, outward_rigid
+from denoc_ros.kernels.spring import internal_force
 from denoc_ros.kernels.states import over_rows, vector_of_state
 from denoc_ros.kernels.vector import add, all_finite, load, scale
 

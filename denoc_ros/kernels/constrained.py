@@ -29,7 +29,6 @@ from denoc_ros.kernels.handle import (
     coordinates,
     model_arrays,
 )
-from denoc_ros.kernels.internal import internal_force
 from denoc_ros.kernels.inverse import outward_motion
 from denoc_ros.kernels.link_side import lacks_rotor
 from denoc_ros.kernels.motion import linear_velocity
@@ -41,6 +40,7 @@ from denoc_ros.kernels.multipliers import (
     vector,
     write_products,
 )
+from denoc_ros.kernels.spring import internal_force
 from denoc_ros.kernels.states import over_rows
 from denoc_ros.kernels.step import FIRST_STAGE, SECOND_STAGE
 from denoc_ros.kernels.vector import all_finite

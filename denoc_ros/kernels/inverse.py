@@ -10,10 +10,10 @@ from denoc_ros.kernels.handle import (
     coordinates,
     model_arrays,
 )
-from denoc_ros.kernels.internal import internal_force
 from denoc_ros.kernels.motion import move_body
 from denoc_ros.kernels.placement import place_by_sines, place_modes
-from denoc_ros.kernels.sine_cosine import write_sines
+from denoc_ros.kernels.rotation import write_sines
+from denoc_ros.kernels.spring import internal_force
 from denoc_ros.kernels.states import over_rows, vector_of_state
 from denoc_ros.kernels.vector import all_finite, dot, load
 from denoc_ros.kernels.wrench import body_wrench, transmit_wrench
