@@ -6,6 +6,7 @@ planar loop in space has two or three of them): multipliers are then those of le
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -24,6 +25,7 @@ from denoc_ros.kernels.constrained_derivatives import (
     constraint_row_rates,
 )
 from denoc_ros.kernels.handle import GOOD, MISFIT
+from denoc_ros.model.tree import Mimic
 from denoc_ros.types import Array
 
 Int = NDArray[np.int64]
@@ -286,3 +288,32 @@ def raise_status(robot: RobotModel, status: int, **arguments: Array) -> None:
         f'{robot.tree.name}: the rows of {name!r} must not contradict the others, got a singular '
         f'configuration: rank {rank}, {left} m/s^2 (or rad/s^2) left'
     )
+
+
+Int = NDArray[np.int64]
+
+
+def mimic_ties(
+    robot: RobotModel, joints: Sequence[str] | None, held: Mapping[str, float]
+) -> tuple[Array, Array, tuple[str, ...]]:
+    """Return T (all joints, driven) and c (all joints,) of q_all = T q + c, and the driven names.
+
+    Raises
+    ------
+    StateError
+        A driven joint is unknown, repeated or a mimic; a mimic's leader is unknown.
+    """
+    free, mimics = list(robot.tree.non_mimic_joints), robot.tree.mimics
+    driven = tuple(joints) if joints is not None else tuple(free)
+    if len(set(driven)) != len(driven) or not set(driven) <= set(free):
+        raise StateError(f'driven joints must be different ones of {free}, got {list(driven)}')
+    constraints = np.zeros((len(robot.joint_names), len(driven)))
+    offsets = np.zeros(len(robot.joint_names))
+    for row, name in enumerate(robot.joint_names):
+        mimic = mimics.get(name, Mimic(name, 1.0, 0.0))
+        if mimic.leader in driven:
+            constraints[row, driven.index(mimic.leader)] = mimic.multiplier
+            offsets[row] = mimic.offset
+        else:
+            offsets[row] = mimic.multiplier * held.get(mimic.leader, 0.0) + mimic.offset
+    return constraints, offsets, driven

@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from denoc_ros.dynamics.component_section import ComponentSection
-from denoc_ros.dynamics.segmented_section import SegmentedSection
+from denoc_ros.dynamics.section import ComponentSection, SegmentedSection
 from denoc_ros.kernels.compiled import ready
 from denoc_ros.kernels.tip_deflection import ROTATIONS, segmented_tip, tip_deflections
 from denoc_ros.model.segments import whole_beams

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,9 +11,8 @@ from numpy.typing import ArrayLike
 from denoc_ros.dynamics.base_motion import Base
 from denoc_ros.dynamics.batch import run_rows
 from denoc_ros.dynamics.constrained_model import ConstrainedModel
-from denoc_ros.dynamics.tree_dynamics import Wrenches
+from denoc_ros.dynamics.tree_dynamics import KernelOperation, Wrenches
 from denoc_ros.dynamics.validation import (
-    as_output,
     as_outputs,
     as_rows,
     as_vector,
@@ -26,7 +25,7 @@ from denoc_ros.kernels import (
     load_derivatives,
 )
 from denoc_ros.kernels.compiled import entry
-from denoc_ros.kernels.handle import GOOD, MISFIT
+from denoc_ros.kernels.handle import GOOD
 from denoc_ros.types import Array
 
 Derivatives = tuple[Array, Array, Array]
@@ -62,8 +61,16 @@ class HybridDerivatives(NamedTuple):
     inverse_inertia: Array
 
 
-_INVERSE = inverse_derivatives.inverse_dynamics_derivatives
-_FORWARD = forward_derivatives.forward_dynamics_derivatives
+INVERSE = KernelOperation(
+    inverse_derivatives.inverse_dynamics_derivatives,
+    inverse_derivatives.inverse_dynamics_derivatives_rows,
+    lambda n: ((n, n),) * 3,
+)
+FORWARD = KernelOperation(
+    forward_derivatives.forward_dynamics_derivatives,
+    forward_derivatives.forward_dynamics_derivatives_rows,
+    INVERSE.shapes,
+)
 
 
 class DifferentiableModel(ConstrainedModel):
@@ -114,11 +121,11 @@ class DifferentiableModel(ConstrainedModel):
             result = (_empty(self._square), _empty(self._square), _empty(self._square))
         else:
             result = _three(out)
-        status = entry(_INVERSE)(self.handle, q, qd, qdd, *result)
+        status = entry(INVERSE.kernel)(self.handle, q, qd, qdd, *result)
         if status != GOOD:
             arguments = {'q': q, 'qd': qd, 'qdd': qdd}
-            rows = inverse_derivatives.inverse_dynamics_derivatives_rows
-            result = self._settle_derivatives(status, rows, arguments, out, result, check)
+            a, b, c = self._settle(status, INVERSE, arguments, out, result, check)
+            result = (a, b, c)
         if wrenches:
             self._subtract_loads(as_rows('q', q, self.n), wrenches, result[0])
         return result
@@ -160,11 +167,11 @@ class DifferentiableModel(ConstrainedModel):
             result = (_empty(self._square), _empty(self._square), _empty(self._square))
         else:
             result = _three(out)
-        status = entry(_FORWARD)(self.handle, q, qd, tau, *result)
+        status = entry(FORWARD.kernel)(self.handle, q, qd, tau, *result)
         if status != GOOD:
             arguments = {'q': q, 'qd': qd, 'tau': tau}
-            rows = forward_derivatives.forward_dynamics_derivatives_rows
-            result = self._settle_derivatives(status, rows, arguments, out, result, check)
+            a, b, c = self._settle(status, FORWARD, arguments, out, result, check)
+            result = (a, b, c)
         if load is not None:
             result[0][...] += result[2] @ load
         return result
@@ -255,31 +262,6 @@ class DifferentiableModel(ConstrainedModel):
         out = np.zeros((*q.shape, self.n))
         self._subtract_loads(q, wrenches, out)
         return -out
-
-    def _settle_derivatives(
-        self,
-        status: int,
-        rows_kernel: Any,
-        arguments: dict[str, ArrayLike],
-        out: Sequence[Array] | None,
-        result: Derivatives,
-        check: bool,
-    ) -> Derivatives:
-        """Return a derivative on the slow path: batches, conversions, errors."""
-        n = self.n
-        arrays = {name: as_rows(name, value, n) for name, value in arguments.items()}
-        if status == MISFIT:
-            rows = same_rows(list(arrays.values()))
-            k = len(rows[0])
-            single = all(array.ndim == 1 for array in arrays.values())
-            shape = (n, n) if single else (k, n, n)
-            given = (None, None, None) if out is None else _three(out)
-            a, b, c = (as_output(one, shape) for one in given)
-            result = (a, b, c)
-            flat = [one.reshape(k, n, n) for one in result]
-            status = run_rows(self, rows_kernel, k, *rows, *flat)
-        self._raise_for_status(status, check, **arrays)
-        return result
 
     def _subtract_loads(self, q: Array, wrenches: Wrenches, out: Array) -> None:
         """Subtract the derivative by q of the loads from out (n, n) or (k, n, n)."""

@@ -11,8 +11,7 @@ from numpy.typing import ArrayLike
 from denoc_ros.dynamics import structure
 from denoc_ros.dynamics.base_motion import Base
 from denoc_ros.dynamics.batch import run_rows
-from denoc_ros.dynamics.component_section import AnySection
-from denoc_ros.dynamics.segmented_section import SegmentedSection
+from denoc_ros.dynamics.section import AnySection, SegmentedSection
 from denoc_ros.dynamics.tree_dynamics import TreeDynamics
 from denoc_ros.dynamics.validation import as_output, as_states, same_rows
 from denoc_ros.errors import StateError

@@ -23,7 +23,7 @@ from denoc_ros.dynamics.constraints import (
 from denoc_ros.dynamics.derivatives import DifferentiableModel
 from denoc_ros.dynamics.linear_model import LinearModel
 from denoc_ros.dynamics.linear_signals import read_inputs, read_outputs
-from denoc_ros.dynamics.mechanism_modes import independent_joints
+from denoc_ros.dynamics.natural_modes import independent_joints
 from denoc_ros.dynamics.robot_model import RobotModel
 from denoc_ros.dynamics.sensor_values import SensorValues
 from denoc_ros.dynamics.validation import as_vector

@@ -239,7 +239,7 @@ class KernelCache(caching.Cache):  # type: ignore[misc]
             file.unlink(missing_ok=True)
 
     def _index_key(self, sig: Any, codegen: Any) -> tuple[Any, ...]:
-        """Return what tells functions of one name apart; the folder's name tells the source."""
+        """Return the key of a signature; the folder's name tells the source."""
         return sig, codegen.magic_tuple()
 
     def _file(self, sig: Any, codegen: Any) -> Path:

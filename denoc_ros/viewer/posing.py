@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from denoc_ros.dynamics.mechanism_modes import independent_joints
+from denoc_ros.dynamics.natural_modes import independent_joints
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import DenocError
 from denoc_ros.model.tree import Joint, JointKind

@@ -10,10 +10,10 @@ from differences import central_differences
 from numpy.typing import NDArray
 
 import denoc_ros as dn
+from denoc_ros.dynamics.assembling import mobility
 from denoc_ros.dynamics.constraints import transposed_change
 from denoc_ros.dynamics.equilibrium import Equilibrium
-from denoc_ros.dynamics.mechanism_modes import independent_joints, mechanism_modes
-from denoc_ros.dynamics.mobility import mobility
+from denoc_ros.dynamics.natural_modes import independent_joints, mechanism_modes
 from denoc_ros.dynamics.robot import Robot
 
 Array = NDArray[np.float64]

@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 import denoc_ros as dn
-from denoc_ros.dynamics.feedback import with_joint_feedback
+from denoc_ros.dynamics.stepper import with_joint_feedback
 
 Array = NDArray[np.float64]
 ROBOTS = Path(pinocchio.__file__).parents[4] / 'share' / 'example-robot-data' / 'robots'
