@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from differences import central_differences
-from numpy.typing import NDArray
 
 import denoc_ros as dn
 from denoc_ros.dynamics.assembling import mobility
@@ -15,8 +14,7 @@ from denoc_ros.dynamics.constraints import transposed_change
 from denoc_ros.dynamics.equilibrium import Equilibrium
 from denoc_ros.dynamics.natural_modes import independent_joints, mechanism_modes
 from denoc_ros.dynamics.robot import Robot
-
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 GRAVITY = (0.0, -9.81, 0.0)
 POSTURES = {
