@@ -12,7 +12,7 @@ import pytest
 from strategies import random_state, seeded_robot
 
 from denoc_ros.dynamics.robot import Robot, load_robot
-from denoc_ros.dynamics.workspace import Workspace
+from denoc_ros.dynamics.robot_model import Workspace
 from denoc_ros.kernels import CHECKED, handle
 from denoc_ros.kernels import layout as at_
 from denoc_ros.kernels.cache import cache_folder
