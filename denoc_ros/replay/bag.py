@@ -13,8 +13,8 @@ from denoc_ros.bags.joint_state import JOINT_STATE, JointStateMessage
 from denoc_ros.bags.reader import DESCRIPTION_ATTACHMENT, read_raw
 from denoc_ros.bags.series import ODOMETRY_NUMBERS, elapsed, read_numbers
 from denoc_ros.bags.writer import BagWriter
-from denoc_ros.dynamics.held_base import held_robot
 from denoc_ros.dynamics.measured_side import measured_robot
+from denoc_ros.dynamics.reacting_base import held_robot
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import BagError, SolverError, StateError
 from denoc_ros.estimation.base_record import BaseRecord

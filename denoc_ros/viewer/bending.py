@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from denoc_ros.dynamics.assembling import close_nearby, least_change
-from denoc_ros.dynamics.centre_line import CentreLine
+from denoc_ros.dynamics.deflection import CentreLine
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.structure import whole_beam
 from denoc_ros.errors import StateError

@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 
 from denoc_ros.dynamics.equilibrium import Equilibrium
-from denoc_ros.dynamics.linearization import NaturalModes
-from denoc_ros.dynamics.mechanism_modes import independent_joints, mechanism_modes
+from denoc_ros.dynamics.natural_modes import NaturalModes, independent_joints, mechanism_modes
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import DenocError
 from denoc_ros.model.arrays import is_flexible

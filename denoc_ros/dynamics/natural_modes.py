@@ -1,26 +1,65 @@
-"""Natural modes of a mechanism whose loops stay closed, and the joints that hold it still."""
+"""Natural modes at rest: of a robot, and of a mechanism whose loops stay closed."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import scipy.linalg
+from numpy.typing import ArrayLike
 
-from denoc_ros.dynamics.constraint_derivatives import force_change_is_ready, transposed_change
-from denoc_ros.dynamics.constraints import RANK, jacobian, least_solution
+from denoc_ros.dynamics.assembling import rank_of
+from denoc_ros.dynamics.constraints import RANK, jacobian, least_solution, transposed_change
 from denoc_ros.dynamics.derivatives import DifferentiableModel
-from denoc_ros.dynamics.linearization import (
-    NaturalModes,
-    derivative,
-    difference_steps,
-    stiffness,
-)
-from denoc_ros.dynamics.mobility import rank_of
+from denoc_ros.dynamics.validation import require_rotors
 from denoc_ros.types import Array
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+
+
+class NaturalModes(NamedTuple):
+    """Natural modes of the linearization at rest.
+
+    frequencies (k,) [Hz] ascending, shapes (n, k) with unit modal mass, damping_ratios (k,).
+    """
+
+    frequencies: Array
+    shapes: Array
+    damping_ratios: Array
+
+
+def stiffness(
+    robot: DifferentiableModel, q: Array, wrenches: Mapping[str, ArrayLike] | None = None
+) -> Array:
+    """Return the symmetric tangent stiffness (n, n) at rest: elasticity, gravity and loads."""
+    zero = np.zeros(robot.n)
+    tangent = robot.inverse_dynamics_derivatives(q, zero, zero, wrenches)[0]
+    return np.asarray(0.5 * (tangent + tangent.T))
+
+
+def natural_modes(robot: DifferentiableModel, q: Array, held: bool) -> NaturalModes:
+    """Return the natural modes at rest at q."""
+    index = robot.free_indices if held else np.arange(robot.n)
+    if not held:
+        require_rotors(robot.tree)
+    if not len(index):
+        return NaturalModes(np.zeros(0), np.zeros((robot.n, 0)), np.zeros(0))
+    block = np.ix_(index, index)
+    tangent = stiffness(robot, q)
+    squares, vectors = scipy.linalg.eigh(tangent[block], robot.inertia_matrix(q)[block])
+    # rounding [rad^2/s^2]; a stiff robot's slow mode is neither
+    rounding = max(1e-8, 1e-13 * float(np.abs(squares).max()))
+    squares = np.where(np.abs(squares) < rounding, 0.0, squares)
+    frequencies = np.sign(squares) * np.sqrt(np.abs(squares)) / (2.0 * np.pi)
+    damping = robot.damping[index]
+    modal = np.einsum('ij,i,ij->j', vectors, damping, vectors)
+    omega = 2.0 * np.pi * np.abs(frequencies)
+    ratios = np.divide(modal, 2.0 * omega, out=np.zeros_like(modal), where=omega > 0.0)
+    shapes = np.zeros((robot.n, len(index)))
+    shapes[index] = vectors
+    return NaturalModes(frequencies, shapes, ratios)
 
 
 def independent_joints(robot: DifferentiableModel, q: Array) -> tuple[str, ...]:
@@ -81,7 +120,7 @@ def mechanism_modes(robot: DifferentiableModel, q: Array, held: Sequence[str]) -
         zero = np.zeros(robot.n)
         load = robot.inverse_dynamics(q, zero, zero)[free]
         multipliers = least_solution(rows[:, free].T, load)[0]
-        turning = _turning(robot, q, multipliers)
+        turning = transposed_change(robot, q, multipliers, np.zeros(0))
         tangent = tangent - 0.5 * (turning + turning.T)
         allowed = scipy.linalg.null_space(rows[:, free], rcond=RANK)
     else:
@@ -98,13 +137,6 @@ def mechanism_modes(robot: DifferentiableModel, q: Array, held: Sequence[str]) -
     modal = np.einsum('ij,i,ij->j', shapes, robot.damping, shapes)
     ratios = np.divide(modal, 2.0 * omega, out=np.zeros_like(modal), where=omega > 0.0)
     return NaturalModes(np.sign(squares) * omega / (2.0 * np.pi), shapes, ratios)
-
-
-def _turning(robot: DifferentiableModel, q: Array, multipliers: Array) -> Array:
-    """Return d(J^T multipliers)/dq (n, n): analytical once its kernel is compiled."""
-    if force_change_is_ready():
-        return transposed_change(robot, q, multipliers, np.zeros(0))
-    return derivative(lambda x: multipliers @ jacobian(robot, x)[0], q, difference_steps(robot))
 
 
 def _depth(robot: DifferentiableModel, joint: str) -> int:
