@@ -36,9 +36,10 @@ from denoc_ros.kernels.compiled import ready
 from denoc_ros.kernels.handle import GOOD, NOT_FINITE, SINGULAR
 from denoc_ros.model.arrays import ModelArrays, inertia_row, rigid_inertia, to_arrays
 from denoc_ros.model.coordinates import diagonals
-from denoc_ros.model.damping_overrides import with_other_damping
 from denoc_ros.model.inertia import difference, from_centre, inverse_transform, moved, total
-from denoc_ros.model.overrides import payloads_of, with_overrides
+from denoc_ros.model.numbers import with_numbers
+from denoc_ros.model.overrides import with_overrides
+from denoc_ros.model.payloads import payloads_of
 from denoc_ros.model.tree import Tree
 from denoc_ros.types import Array
 
@@ -236,13 +237,11 @@ class RobotModel:
         ConfigError
             A path that names nothing, or a value that makes no model.
         """
-        damped = with_other_damping(self.tree, overrides)
-        if damped is None:
-            tree = with_overrides(self.tree, overrides)
-            other = type(self)(tree, self.gravity, self.geometric_stiffness)
-        else:  # all but the terms along the coordinates stays
-            arrays = self.arrays.with_diagonals(diagonals(self._modelled(damped)))
-            other = self._of_arrays(arrays, damped)
+        changed = with_numbers(self.tree, overrides)
+        if changed is not None:
+            return with_numbers_of(self, changed)
+        tree = with_overrides(self.tree, overrides)
+        other = type(self)(tree, self.gravity, self.geometric_stiffness)
         other._take_payloads(self)
         other.move_base(self._base)
         return other
@@ -425,3 +424,19 @@ class RobotModel:
             require_rotors(self.tree)
             raise SolverError(f'{self.tree.name}: the inertia must be positive definite, got none')
         raise StateError('the result must be finite, got an overflow from finite arguments')
+
+
+def with_numbers_of(robot: Held, tree: Tree) -> Held:
+    """Return the robot of a tree that differs from its own in numbers: no arrays are built anew.
+
+    Terms along the coordinates and inertias of bodies are the tree's. Payloads that were set and
+    scaled loads stay, and the base moves as it does.
+    """
+    arrays = robot.arrays.with_diagonals(diagonals(robot._modelled(tree)))
+    for index, (body, before) in enumerate(zip(tree.bodies, robot.tree.bodies, strict=True)):
+        if body.inertia is not before.inertia:
+            arrays = arrays.with_inertia(index, body)
+    other = robot._of_arrays(arrays, tree)
+    other._take_payloads(robot)
+    other.move_base(robot._base)
+    return other

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from denoc_ros.dynamics.live_numbers import LiveNumbers
+from denoc_ros.dynamics.parameter_columns import LiveNumbers
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import SolverError, StateError
 from denoc_ros.estimation.block_sensors import LARGEST
@@ -50,8 +50,9 @@ class ParameterTracker:
     robot : Robot
         The model with what is known of it; worked on as copies. Without loops.
     paths : sequence of str
-        Dotted paths of the numbers, of :func:`denoc_ros.dynamics.live_numbers.live_paths`; `*`
-        and `?` stand for others, `payload.tool` for its mass.
+        Dotted paths of the numbers, of
+        :func:`denoc_ros.dynamics.parameter_columns.live_paths`; `*` and `?` stand for others,
+        `payload.tool` for its mass.
     settings : TrackerSettings, optional
     bounds : mapping of str to pair of floats, optional
         Lowest and highest value by path, not negative; default half and one and a half of the

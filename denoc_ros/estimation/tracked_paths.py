@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from denoc_ros.dynamics.live_numbers import live_paths
+from denoc_ros.dynamics.parameter_columns import live_paths
 from denoc_ros.errors import ConfigError
-from denoc_ros.model.overrides import damping_names
+from denoc_ros.model.numbers import match, own_path, some_of
 from denoc_ros.types import Array
 
 if TYPE_CHECKING:
@@ -19,7 +18,6 @@ if TYPE_CHECKING:
 
 WHERE = 'adapt'
 SHARE = 0.5  # of a value, by which it may change where no bounds are given
-SHOWN = 12  # paths in a message
 
 
 def tracked_paths(robot: Robot, patterns: Sequence[str]) -> tuple[str, ...]:
@@ -37,24 +35,17 @@ def tracked_paths(robot: Robot, patterns: Sequence[str]) -> tuple[str, ...]:
         findings.append(f'the robot must have no loops, got {names}')
     if len(robot.base_indices):
         findings.append('the base must be fixed or its motion measured, got one that floats')
-    names_of, known = damping_names(robot.tree), live_paths(robot)
+    known = live_paths(robot)
     chosen: dict[str, None] = {}
     for pattern in patterns:
-        plain = names_of.get(pattern, pattern)
-        wider = (plain, f'{plain}.mass') if plain.startswith('payload.') else (plain,)
-        found = [path for path in known if any(fnmatchcase(path, each) for each in wider)]
+        plain = own_path(pattern, known)
+        found = match(known, plain, *[f'{plain}.mass'] * plain.startswith('payload.'))
         if not found:
-            findings.append(_unknown(pattern, known))
+            shown = some_of(known, pattern, known)
+            findings.append(f'{pattern!r} must be of one of {shown}; got none')
         chosen.update(dict.fromkeys(found))
     ConfigError.raise_any(WHERE, findings)
     return tuple(chosen)
-
-
-def _unknown(pattern: str, known: Sequence[str]) -> str:
-    kind = pattern.partition('.')[0]
-    alike = [path for path in known if path.startswith(f'{kind}.')] or list(known)
-    shown = ', '.join(alike[:SHOWN]) + (', ...' if len(alike) > SHOWN else '')
-    return f'{pattern!r} must be of one of {shown}; got none'
 
 
 def tracked_bounds(

@@ -27,7 +27,7 @@ from denoc_ros.model.joint_rows import (
 )
 from denoc_ros.model.link_side import has_springs, link_map, without_springs
 from denoc_ros.model.residual_inertia import beam_inertia
-from denoc_ros.model.tree import Attachment, Beam, Body, RigidInertia, Tree
+from denoc_ros.model.tree import Attachment, Body, RigidInertia, Tree
 from denoc_ros.types import Array
 
 SLIP_RATE = 1e-3  # rad/s or m/s, of Coulomb friction (design.md, section 1)
@@ -70,6 +70,15 @@ class ModelArrays:
             chain = replace(chain, diagonals=own)
         return replace(self, diagonals=diagonals, link_side=chain)
 
+    def with_inertia(self, index: int, body: Body) -> ModelArrays:
+        """Return the same bodies, the inertia of one body of the tree another."""
+        at = int(self.topology[self.body_rows[index], layout.BODY_CONSTANTS]) + layout.MASS
+        constants = self.constants.copy()
+        constants[at : at + 10] = body_inertia(body, self.body_axes(index))
+        chain = self.link_side
+        chain = None if chain is None else chain.with_inertia(index, body)
+        return replace(self, constants=constants, link_side=chain)
+
     def without_link_side(self) -> ModelArrays:
         """Return the same bodies, all of which the kernels then go through."""
         return replace(self, link_side=None, link_map=None)
@@ -93,9 +102,13 @@ def rigid_inertia(row: Array, axes: Array) -> RigidInertia:
     return RigidInertia(float(row[0]), axes @ row[1:4], axes @ inertia @ axes.T)
 
 
-def _rod(beam: Beam) -> RigidInertia:
-    """Return the inertia of a beam that stays straight."""
-    return beam_inertia(beam.mass_per_length, beam.length, 0.0, beam.mass_along)
+def body_inertia(body: Body, axes: Array) -> Array:
+    """Return the row (10,) of a body's inertia, and of its beam if that stays straight."""
+    row = inertia_row(body.inertia, axes)
+    if (beam := body.beam) is None or is_flexible(body):
+        return row
+    rod = beam_inertia(beam.mass_per_length, beam.length, 0.0, beam.mass_along)
+    return row + inertia_row(rod, axes)
 
 
 def is_flexible(body: Body) -> bool:
@@ -213,9 +226,7 @@ class _ArrayBuilder:
         row[layout.MOTION] = motion_kind(body, frame)
         row[layout.COORDINATE] = self.coordinate
         row[layout.JOINT] = int(row[layout.MOTION] != layout.FIXED)
-        inertia = inertia_row(body.inertia, axes)
-        if body.beam is not None and not is_flexible(body):
-            inertia = inertia + inertia_row(_rod(body.beam), axes)
+        inertia = body_inertia(body, axes)
         row[layout.BODY_CONSTANTS] = self.append(*pose_constants(body, placement, frame), inertia)
         row[layout.WORK] = self.reserve(layout.BODY_WORK)
         if points is not None:

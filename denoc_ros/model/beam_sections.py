@@ -93,11 +93,14 @@ class StrainLimit:
         How far it is along y and z [m]; 0: not known.
     corners : bool
         Whether strains of both directions add up in the section's corners.
+    of_section : bool
+        Whether the beam has one `<section>`.
     """
 
     strain: float = math.inf
     surface: tuple[float, float] = (0.0, 0.0)
     corners: bool = False
+    of_section: bool = False
 
 
 NO_LIMIT = StrainLimit()
@@ -125,7 +128,7 @@ def read_strain_limit(beam: Reader, section: BeamSection | None) -> StrainLimit:
             beam.fail('stress_limit', 'come with a <section> and its <material>', stress)
         else:
             strain = min(strain, stress / section.e)
-    return StrainLimit(strain, surface, corners)
+    return StrainLimit(strain, surface, corners, section is not None)
 
 
 def at_most_one(reader: Reader, tag: str) -> Element | None:

@@ -22,6 +22,7 @@ from denoc_ros.model.segments import (
     critical_damping,
     segment_shapes,
     segment_torsion_shapes,
+    with_stiffness,
 )
 from denoc_ros.model.shapes import ShapeFunctions, shape_functions, torsion_shapes
 from denoc_ros.model.tree import Beam, Deformation, FlexibleLink, RigidInertia
@@ -211,6 +212,7 @@ def _beams(
                 strain_limit=limit.strain,
                 surface=limit.surface,
                 corners=limit.corners,
+                has_section=limit.of_section,
             )
         )
     return tuple(found)
@@ -245,15 +247,15 @@ def _deformation(
     along, own = element.along.part(*span), inertia.part(*span)
     length = beam.length / segments
     shapes = _shapes(name, order, element.modes, length, segments, (along, own))
-    stiffness = element.stiffness * np.diag(shapes.gram(order, along))
-    damping = np.zeros(element.modes)
+    none = np.zeros(element.modes)
     root = None
     if segments > 1 and not (element.along.uniform and inertia.uniform):
         root = first_root(order, element.along, inertia)
-    made = Deformation(shapes, element.stiffness, stiffness, damping, name, along, order, root)
+    made = Deformation(shapes, element.stiffness, none, none, name, along, order, root)
+    made = with_stiffness(made, element.stiffness)
     if element.damping is not None:
-        made = replace(made, damping=damping + element.damping)
-    elif element.damping_ratio is not None:
+        return replace(made, damping=none + element.damping)
+    if (ratio := element.damping_ratio) is not None:
         critical = critical_damping(made, inertia_per_length, own, segments)
-        made = replace(made, damping=element.damping_ratio * critical)
+        return replace(made, damping=ratio * critical, damping_ratio=ratio)
     return made

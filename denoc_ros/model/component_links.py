@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 
@@ -62,12 +62,10 @@ def read_flexible(
     path, reduced = found
     stiffness = factor * reduced.stiffness
     modes = ComponentModes(path, reduced, stiffness, np.zeros(reduced.modes), factor)
-    damping = _damping(reader, modes)
-    if len(findings.items) > before or damping is None:
+    damped = _damped(reader, modes)
+    if len(findings.items) > before or damped is None:
         return None
-    return FlexibleElement(
-        link, ComponentModes(path, reduced, stiffness, damping, factor), inertial
-    )
+    return FlexibleElement(link, damped, inertial)
 
 
 def _read_file(reader: Reader, folder: str) -> tuple[str, ReducedLink] | None:
@@ -96,8 +94,8 @@ def _read(path: str, _changed: int, _size: int) -> ReducedLink:
     return read(path)
 
 
-def _damping(reader: Reader, modes: ComponentModes) -> Array | None:
-    """Return the coefficients (m,): those of the description, else of the file; None if bad."""
+def _damped(reader: Reader, modes: ComponentModes) -> ComponentModes | None:
+    """Return modes damped as the description says, else as the file does; None if bad."""
     link, count = modes.link, modes.count
     given: dict[str, Array | None] = {'damping_ratio': None, 'damping': None}
     for name, unit in (('damping_ratio', '-'), ('damping', 'N s/m')):
@@ -116,8 +114,8 @@ def _damping(reader: Reader, modes: ComponentModes) -> Array | None:
     if ratio is None and damping is None:
         ratio, damping = link.damping_ratio, link.damping
     if ratio is not None:
-        return np.asarray(ratio * modes.critical_damping)
-    return np.zeros(count) if damping is None else damping * np.ones(count)
+        return replace(modes, damping=ratio * modes.critical_damping, damping_ratio=ratio)
+    return modes if damping is None else replace(modes, damping=damping * np.ones(count))
 
 
 def component_link(

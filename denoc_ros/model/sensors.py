@@ -111,7 +111,7 @@ def read_sensor(
     return sensor if len(findings.items) == before else None
 
 
-def sensor_row(element: SensorElement, beam: Beam, station: float) -> Array:
+def sensor_row(element: SensorElement | Sensor, beam: Beam, station: float) -> Array:
     """Return the derivative of a sensor's value by the amplitudes of its segment.
 
     Parameters
@@ -177,13 +177,13 @@ def deflection_row(
     return np.concatenate([*rows, sensor_row(element, beams[segment], station)])
 
 
-def _bending(element: SensorElement, beam: Beam) -> Deformation:
+def _bending(element: SensorElement | Sensor, beam: Beam) -> Deformation:
     deformation = beam.y if element.direction == 'y' else beam.z
     assert deformation is not None
     return deformation
 
 
-def _among_all(element: SensorElement, beam: Beam, part: Array) -> Array:
+def _among_all(element: SensorElement | Sensor, beam: Beam, part: Array) -> Array:
     """Return a row over all amplitudes of a segment from one over those of its direction."""
     ny, nz, nt = beam.modes
     row = np.zeros(ny + nz + nt)

@@ -42,21 +42,15 @@ def read_spring(
         reader.fail('joint', 'be no mimic joint: give the spring to its leader', name)
     if name in springs:
         findings.add(reader.whose, 'must occur once, got it twice')
-    unit, of_rate, cubed, along = _units(found)
+    slides = found is not None and found.get('type') == 'prismatic'
+    units = (JointKind.PRISMATIC if slides else JointKind.REVOLUTE).units
     return name, Spring(
-        reader.number('stiffness', unit, above=0.0),
-        reader.number('damping', of_rate, least=0.0, default=0.0),
-        reader.number('stiffness3', cubed, least=0.0, default=0.0),
-        reader.number('backlash', along, least=0.0, default=0.0),
+        reader.number('stiffness', units['stiffness'], above=0.0),
+        reader.number('damping', units['spring_damping'], least=0.0, default=0.0),
+        reader.number('stiffness3', units['stiffness3'], least=0.0, default=0.0),
+        reader.number('backlash', units['backlash'], least=0.0, default=0.0),
         reader.choice('measured', SIDES, SIDES[0]),
     )
-
-
-def _units(joint: Element | None) -> tuple[str, str, str, str]:
-    """Return the units of stiffness, damping, cubic stiffness and backlash of a joint."""
-    if joint is not None and joint.get('type') == 'prismatic':
-        return 'N/m', 'N s/m', 'N/m^3', 'm'
-    return 'N m/rad', 'N m s/rad', 'N m/rad^3', 'rad'
 
 
 def check_springs(

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from denoc_ros.dynamics.robot import Robot
-from denoc_ros.model.override_values import override_values
-from denoc_ros.model.overrides import carrying_links
+from denoc_ros.model.numbers import values_of
+from denoc_ros.model.payloads import carrying_links, payloads_of
 from denoc_ros.types import Array
 
 SMALL_RATIO = 0.01  # what a damping ratio that is 0 changes by
@@ -76,7 +76,7 @@ def free_numbers(
         By how much the value of each sensor was measured to vary, by its name.
     """
     found: list[Number] = []
-    for path, value in override_values(robot.tree).items():
+    for path, value in values_of(robot.tree).items():
         found.extend(_of_model(path, float(np.ravel(np.asarray(value))[0]), efforts, spreads))
     for body in robot.tree.bodies:
         if body.joint is not None:
@@ -163,7 +163,5 @@ def unit_of(path: str) -> str:
 
 def payload_of(robot: Robot, link: str) -> tuple[float, Array]:
     """Return mass and centre of mass (3,) of the payload that the model has on a link."""
-    given = robot.tree.overrides
-    mass = float(np.ravel(np.asarray(given.get(f'payload.{link}.mass', 0.0)))[0])
-    centre = np.asarray(given.get(f'payload.{link}.com', np.zeros(3)), dtype=np.float64)
-    return mass, centre
+    found = payloads_of(robot.tree.overrides, robot.tree).get(link)
+    return (0.0, np.zeros(3)) if found is None else (found.mass, found.com)

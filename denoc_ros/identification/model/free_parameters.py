@@ -13,12 +13,12 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
-from fnmatch import fnmatchcase
 
 import numpy as np
 from numpy.typing import NDArray
 
 from denoc_ros.dynamics.robot import Robot
+from denoc_ros.dynamics.robot_model import with_numbers_of
 from denoc_ros.errors import ConfigError
 from denoc_ros.identification.model.free_numbers import LEVER, free_numbers, payload_of
 from denoc_ros.model.inertia import (
@@ -29,6 +29,7 @@ from denoc_ros.model.inertia import (
     total,
 )
 from denoc_ros.model.link_side import motors_behind
+from denoc_ros.model.numbers import match, some_of
 from denoc_ros.model.tree import Body, RigidInertia
 from denoc_ros.types import Array
 
@@ -36,7 +37,6 @@ WHERE = 'identify model'
 # deviation of theta before anything is measured: a factor of e^(+-1) covers what is guessed badly
 PRIOR = 0.5
 KINDS = ('beam.', 'joint.', 'payload.', 'link.', 'sensor.', 'effort.', 'pose.', 'delay.')
-SHOWN = 12  # paths in a message
 ROUNDING = 1e-9  # of a pseudo-inertia: what arithmetic leaves of an exact zero
 STEP = 1e-6  # of theta, for derivatives of numbers
 SMALLEST = 1e-6  # of a body's pseudo-inertia: point masses and flat plates get so much
@@ -370,18 +370,15 @@ class FreeParameters:
         overrides = self.overrides(settings)
         robot = self.robot.with_overrides(overrides) if overrides else self.robot
         if not settings.bodies:
-            return robot
+            return robot.copy() if robot is self.robot else robot
         bodies = []
         for body, own in zip(robot.tree.bodies, self.robot.tree.bodies, strict=True):
             if (found := settings.bodies.get(body.name)) is not None:
                 # a payload of the point stays on it
                 added = difference(body.inertia, own.inertia)
-                body = replace(body, inertia=total(found, added))
+                body = replace(body, inertia=total(found, added), unloaded=body.unloaded and found)
             bodies.append(body)
-        tree = replace(robot.tree, bodies=tuple(bodies))
-        made = type(robot)(tree, robot.gravity, robot.geometric_stiffness)
-        made.move_base(robot.base_motion)
-        return made
+        return with_numbers_of(robot, replace(robot.tree, bodies=tuple(bodies)))
 
 
 def _hidden(robot: Robot, paths: Iterable[str]) -> set[str]:
@@ -401,20 +398,14 @@ def _chosen(free: Sequence[str], known: Sequence[str], hidden: Set[str]) -> list
     for pattern in free:
         several = pattern.startswith(('payload.', 'sensor.', 'pose.'))
         given = f'{pattern}.*' if several else pattern
-        matched = [
-            path
-            for path in known
-            if path == pattern or fnmatchcase(path, pattern) or fnmatchcase(path, given)
-        ]
-        if not matched and any(fnmatchcase(path, pattern) for path in hidden):
+        matched = match(known, pattern, given)
+        if not matched and match(hidden, pattern):
             findings.append(
                 f'--free {pattern!r} must be of what joint states show; got a motor or spring of '
                 'a joint that is measured on the link side (measured="link")'
             )
         elif not matched:
-            kind = pattern.partition('.')[0]
-            alike = [path for path in known if path.startswith(f'{kind}.')]
-            shown = ', '.join(alike[:SHOWN] or KINDS) + (', ...' if len(alike) > SHOWN else '')
+            shown = some_of(known, pattern, KINDS)
             findings.append(f'--free {pattern!r} must be of one of {shown}; got none')
         chosen.update(dict.fromkeys(matched))
     if not free:

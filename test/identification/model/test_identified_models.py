@@ -22,7 +22,7 @@ from denoc_ros.identification.model.result import (
     verdict_text,
 )
 from denoc_ros.identification.model.search import ModelSearch
-from denoc_ros.model.overrides import carrying_links
+from denoc_ros.model.payloads import carrying_links
 from denoc_ros.model.tree import RigidInertia
 from denoc_ros.types import Array
 
