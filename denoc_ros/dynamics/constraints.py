@@ -18,6 +18,7 @@ from denoc_ros.kernels.closing import OPEN, OPENED
 from denoc_ros.kernels.compiled import entry
 from denoc_ros.kernels.constrained import CONTRADICTED
 from denoc_ros.kernels.handle import GOOD, MISFIT
+from denoc_ros.model.friction import Friction
 from denoc_ros.types import Array
 
 Int = NDArray[np.int64]
@@ -61,9 +62,7 @@ def add_loop_friction(robot: RobotModel, qd: Array, axes: Array, force: Array) -
     """Add damping and friction of the loops' own joints to a force (n,) in place."""
     resisting = [loop for loop in robot.tree.loops if loop.damping > 0.0 or loop.friction > 0.0]
     for loop, axis in zip(resisting, axes, strict=True):
-        rate = float(axis @ qd)
-        slip = np.tanh(rate / robot.slip_rate)
-        force += axis * (loop.damping * rate + loop.friction * slip)
+        force += axis * Friction(loop.damping, loop.friction).force(float(axis @ qd))
 
 
 def least_solution(matrix: Array, wanted: Array) -> tuple[Array, Array]:

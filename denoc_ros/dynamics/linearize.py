@@ -16,6 +16,7 @@ from denoc_ros.dynamics.minimal_coordinates import minimal_coordinates
 from denoc_ros.dynamics.robot_model import RobotModel
 from denoc_ros.dynamics.sensor_values import SensorValues
 from denoc_ros.dynamics.validation import as_vector
+from denoc_ros.model.friction import Friction
 from denoc_ros.types import Array
 
 Int = NDArray[np.int64]
@@ -153,5 +154,4 @@ def _forces(
 
 def friction_slope(robot: RobotModel, qd: Array) -> Array:
     """Return the slope (n,) of the coordinates' Coulomb friction at rates qd."""
-    slip = robot.slip_rate
-    return np.asarray(robot.friction / slip * (1.0 - np.tanh(qd / slip) ** 2))
+    return Friction(0.0, robot.friction).slope(qd)

@@ -14,6 +14,7 @@ from denoc_ros.dynamics.tree_dynamics import TreeDynamics
 from denoc_ros.errors import ConfigError
 from denoc_ros.kernels import layout
 from denoc_ros.model.arrays import inertia_row, is_flexible
+from denoc_ros.model.friction import slip
 from denoc_ros.model.inertia import from_centre, moved
 from denoc_ros.model.numbers import (
     DAMPING,
@@ -363,14 +364,14 @@ class LiveNumbers:
             if load is not None:
                 load.move_base(base)
 
-    def columns(self, q: Array, qd: Array, qdd: Array, slip_rate: float, out: Array) -> None:
+    def columns(self, q: Array, qd: Array, qdd: Array, out: Array) -> None:
         """Write the derivatives of the generalized forces by the numbers (n, p) at a state."""
         for place, (column, load) in enumerate(zip(self._columns, self._loads, strict=True)):
             if load is not None:
                 out[:, place] = load.inverse_dynamics(q, qd, qdd)
                 continue
             factor = {'stiffness': q, 'damping': qd, 'armature': qdd}.get(column.term)
-            factor = np.tanh(qd / slip_rate) if factor is None else factor
+            factor = slip(qd) if factor is None else factor
             np.multiply(factor, column.values, out=out[:, place])
 
     def set(self, robot: RobotModel, change: Array) -> None:

@@ -16,6 +16,7 @@ from denoc_ros.dynamics.parameter_columns import (
 )
 from denoc_ros.dynamics.tree_dynamics import TreeDynamics
 from denoc_ros.dynamics.validation import as_output, as_states, same_rows
+from denoc_ros.model.friction import slip
 from denoc_ros.types import Array
 
 
@@ -90,8 +91,7 @@ def _write(
 ) -> None:
     """Write columns (k, n, parameters) at states (k, n)."""
     q, qd, qdd = rows
-    slip = np.tanh(qd / robot.slip_rate)
-    factors = dict(zip(DIAGONAL_TERMS, (q, qd, slip, qdd), strict=True))
+    factors = dict(zip(DIAGONAL_TERMS, (q, qd, slip(qd), qdd), strict=True))
     bare: TreeDynamics | None = None
     for index, column in enumerate(columns):
         if column.term in factors:

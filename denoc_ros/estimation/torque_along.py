@@ -20,9 +20,9 @@ from denoc_ros.dynamics.stepper import Stepper
 from denoc_ros.dynamics.steps_along import StepsAlong
 from denoc_ros.errors import ModelError
 from denoc_ros.estimation.base_record import BaseRecord
-from denoc_ros.estimation.joint_friction import JointFriction
 from denoc_ros.estimation.joint_motion import SmoothedMotion
 from denoc_ros.estimation.tracking import connecting_acceleration
+from denoc_ros.model.friction import Friction
 from denoc_ros.types import Array, Flags
 
 
@@ -70,7 +70,7 @@ class TorqueReplay:
         stands at 0.
     posture : (n,) array, optional
         Coordinates near which loops are closed; default 0.
-    friction : JointFriction, optional
+    friction : Friction, optional
         Stands for the damping and friction that the robot's joints have.
     step : float
         Longest step of the integration [s].
@@ -93,7 +93,7 @@ class TorqueReplay:
         robot: Robot,
         joints: Sequence[str],
         posture: Array | None = None,
-        friction: JointFriction | None = None,
+        friction: Friction | None = None,
         step: float = 1e-3,
         base: BaseRecord | None = None,
     ) -> None:
@@ -110,7 +110,7 @@ class TorqueReplay:
         self._motion = driven_motion(self._robot, self.joints, None, posture, flexible=False)
         self._friction = friction
         index = robot.joint_indices
-        self._of_model = JointFriction(
+        self._of_model = Friction(
             robot.damping[index], robot.friction[index], np.zeros(len(index))
         )
         self.deflections = TipDeflections(robot)

@@ -182,7 +182,7 @@ class TrackedModel:
             self._numbers.set(robot, change)
 
     def _differentiate(self, q: Array, qd: Array, qdd: Array) -> None:
-        self._numbers.columns(q, qd, qdd, self.robot.slip_rate, self._regressor)
+        self._numbers.columns(q, qd, qdd, self._regressor)
         self._regressor *= self._size
 
     def _move_base(self, time: float) -> None:

@@ -19,6 +19,7 @@ from denoc_ros.model.component_arrays import (
 )
 from denoc_ros.model.constraints import constraints_to_arrays
 from denoc_ros.model.coordinates import diagonals, names
+from denoc_ros.model.friction import SLIP_RATE
 from denoc_ros.model.joint_rows import (
     joint_axes,
     motion_kind,
@@ -29,8 +30,6 @@ from denoc_ros.model.link_side import has_springs, link_map, without_springs
 from denoc_ros.model.residual_inertia import beam_inertia
 from denoc_ros.model.tree import Attachment, Body, RigidInertia, Tree
 from denoc_ros.types import Array
-
-SLIP_RATE = 1e-3  # rad/s or m/s, of Coulomb friction (design.md, section 1)
 
 
 @dataclass(frozen=True)

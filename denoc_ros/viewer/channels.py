@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from denoc_ros.model.tree import JointKind, Tree
+from denoc_ros.model.tree import Tree
 
 
 def deflection_channel(what: str, tip: str) -> str:
@@ -24,15 +24,9 @@ def deflection_channel(what: str, tip: str) -> str:
 
 def torque_channels(tree: Tree) -> Mapping[str, str]:
     """Return the channel of every joint's torque, or force."""
-    return {
-        body.joint.name: (
-            f'force [N]/{body.joint.name}'
-            if body.joint.kind is JointKind.PRISMATIC
-            else f'torque [N m]/{body.joint.name}'
-        )
-        for body in tree.bodies
-        if body.joint is not None
-    }
+    names = {'N': 'force', 'N m': 'torque'}
+    units = {name: joint.effort_unit for name, joint in tree.joints.items()}
+    return {name: f'{names[unit]} [{unit}]/{name}' for name, unit in units.items()}
 
 
 def residual_channel(sensor: str) -> str:
