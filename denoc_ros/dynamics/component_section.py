@@ -6,7 +6,7 @@ import numpy as np
 
 from denoc_ros.dynamics.section import Section
 from denoc_ros.dynamics.segmented_section import SegmentedSection
-from denoc_ros.model.component_arrays import second_order
+from denoc_ros.model.beam_arrays import second_order
 from denoc_ros.model.link_file import ReducedLink
 from denoc_ros.types import Array
 

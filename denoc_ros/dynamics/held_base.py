@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from denoc_ros.dynamics.robot import Robot, load_robot
-from denoc_ros.model.held_base import with_held_base
+from denoc_ros.model.overrides import with_held_base
 
 
 def held_robot(robot: Robot) -> Robot:

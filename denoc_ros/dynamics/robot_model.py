@@ -17,7 +17,6 @@ from denoc_ros.dynamics.base_motion import (
     on_base,
 )
 from denoc_ros.dynamics.component_section import AnySection
-from denoc_ros.dynamics.payload import payload_inertia
 from denoc_ros.dynamics.validation import as_vector, require_finite, require_rotors
 from denoc_ros.dynamics.workspace import Workspace
 from denoc_ros.errors import SolverError, StateError
@@ -40,7 +39,7 @@ from denoc_ros.model.inertia import difference, from_centre, inverse_transform, 
 from denoc_ros.model.numbers import with_numbers
 from denoc_ros.model.overrides import with_overrides
 from denoc_ros.model.payloads import payloads_of
-from denoc_ros.model.tree import Tree
+from denoc_ros.model.tree import RigidInertia, Tree
 from denoc_ros.types import Array
 
 KERNELS = (
@@ -440,3 +439,26 @@ def with_numbers_of(robot: Held, tree: Tree) -> Held:
     other._take_payloads(robot)
     other.move_base(robot._base)
     return other
+
+
+def payload_inertia(
+    placement: Array, mass: float, com: ArrayLike, inertia: ArrayLike | None
+) -> RigidInertia:
+    """Return a payload's inertia about the body origin, from its frame's placement on the body.
+
+    Raises
+    ------
+    StateError
+        The mass is negative or not finite, or the inertia is not symmetric positive semidefinite.
+    """
+    centre = as_vector('com', com, (3,))
+    about = np.zeros((3, 3)) if inertia is None else as_vector('inertia', inertia, (3, 3))
+    if not (np.isfinite(mass) and mass >= 0.0):
+        raise StateError(f'payload mass must be >= 0 kg, got {mass}')
+    moments = np.linalg.eigvalsh(about)
+    scale = 1e-9 * max(1.0, float(np.abs(about).max()))
+    if not np.allclose(about, about.T, atol=scale) or moments[0] < -scale:
+        raise StateError(
+            f'payload inertia must be symmetric positive semidefinite, got {about.tolist()}'
+        )
+    return moved(from_centre(float(mass), centre, about), placement)

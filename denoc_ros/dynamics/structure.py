@@ -11,7 +11,7 @@ from denoc_ros.dynamics.section import Section
 from denoc_ros.dynamics.segmented_section import SegmentedSection
 from denoc_ros.errors import StateError
 from denoc_ros.kernels import layout, world
-from denoc_ros.model.joint_rows import cross_matrix
+from denoc_ros.model.arrays import cross_matrix
 from denoc_ros.model.segments import WholeBeam, whole_beams
 from denoc_ros.model.tree import Sensor
 from denoc_ros.types import Array

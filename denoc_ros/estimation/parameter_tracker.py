@@ -12,12 +12,15 @@ import numpy as np
 from denoc_ros.dynamics.parameter_columns import LiveNumbers
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import SolverError, StateError
-from denoc_ros.estimation.block_sensors import LARGEST
-from denoc_ros.estimation.channel_levels import ChannelLevels
-from denoc_ros.estimation.parameter_filter import BlockValues, ExcitedDirections, ParameterFilter
+from denoc_ros.estimation.block_sensitivity import LARGEST
+from denoc_ros.estimation.parameter_filter import (
+    BlockValues,
+    ChannelLevels,
+    ExcitedDirections,
+    ParameterFilter,
+)
 from denoc_ros.estimation.tracked_model import BaseAt, BlockMeans, TrackedModel
-from denoc_ros.estimation.tracked_paths import tracked_bounds, tracked_paths
-from denoc_ros.estimation.tracker_settings import TrackerSettings
+from denoc_ros.estimation.tracker_settings import TrackerSettings, tracked_bounds, tracked_paths
 from denoc_ros.estimation.tracking import TrackingFilter
 from denoc_ros.types import Array, Flags
 

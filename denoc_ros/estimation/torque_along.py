@@ -19,7 +19,7 @@ from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.stepper import Stepper
 from denoc_ros.dynamics.steps_along import StepsAlong
 from denoc_ros.errors import ModelError
-from denoc_ros.estimation.base_record import BaseRecord
+from denoc_ros.estimation.base_track import BaseRecord
 from denoc_ros.estimation.joint_motion import SmoothedMotion
 from denoc_ros.estimation.tracking import connecting_acceleration
 from denoc_ros.model.friction import Friction

@@ -15,8 +15,7 @@ from denoc_ros.dynamics.parameter_columns import LiveNumbers
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.stepper import Stepper
 from denoc_ros.errors import SolverError
-from denoc_ros.estimation.block_sensitivity import BlockSensitivity
-from denoc_ros.estimation.block_sensors import BlockSensors
+from denoc_ros.estimation.block_sensitivity import BlockSensitivity, BlockSensors
 from denoc_ros.types import Array, Flags
 
 START = 0.005  # deviation of a tip's deflection at the start, as a share of the beam's length

@@ -11,10 +11,9 @@ import numpy as np
 
 from denoc_ros.errors import ModelError
 from denoc_ros.model.findings import SMALLEST, Element, Findings, Reader
-from denoc_ros.model.inertia import difference
+from denoc_ros.model.inertia import ROUNDING, TOLERANCE, difference, inertia_violation
 from denoc_ros.model.link_file import ReducedLink, read
 from denoc_ros.model.mesh_files import mesh_file
-from denoc_ros.model.residual_inertia import ROUNDING, TOLERANCE, inertia_violation
 from denoc_ros.model.tree import ComponentModes, FlexibleLink, RigidInertia
 from denoc_ros.types import Array
 

@@ -27,9 +27,8 @@ from lxml import etree
 from denoc_ros.errors import ModelError
 from denoc_ros.model.arrays import is_flexible
 from denoc_ros.model.findings import Element, Findings
-from denoc_ros.model.inertia import moved, total
+from denoc_ros.model.inertia import beam_inertia, moved, total
 from denoc_ros.model.mjcf_visuals import add_rod, add_visuals
-from denoc_ros.model.residual_inertia import beam_inertia
 from denoc_ros.model.tree import (
     Attachment,
     Beam,

@@ -20,8 +20,8 @@ from typing import Any, TypeVar
 import numpy as np
 
 from denoc_ros.errors import ConfigError
+from denoc_ros.model.coordinates import PARTS as FLOATING
 from denoc_ros.model.findings import LARGEST, SMALLEST, Findings, as_text
-from denoc_ros.model.floating import PARTS as FLOATING
 from denoc_ros.model.payloads import PAYLOAD_SIZES, WHERE, carrying_links, with_payloads
 from denoc_ros.model.segments import (
     PARTS,

@@ -12,6 +12,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 from lxml import etree
 
 from denoc_ros.errors import ConfigError
@@ -35,8 +36,9 @@ from denoc_ros.model.payloads import (
     read_payload,
     with_payloads,
 )
+from denoc_ros.model.poses import number_text, rotation_rpy, rpy_of
 from denoc_ros.model.source import parse_xml, read_source, written
-from denoc_ros.model.tree import Tree
+from denoc_ros.model.tree import INERTIAL_PARTS, Tree
 from denoc_ros.model.urdf import tree_of
 from denoc_ros.types import Array
 
@@ -234,3 +236,59 @@ def _fit_to_segments(beam: Element) -> None:
     for part in beam.findall('bending') + beam.findall('torsion'):
         if len(ratios := part.get('damping_ratio', '').split()) > 1:
             part.set('damping_ratio', ratios[0])
+
+
+# other edits of a description -------------------------------------------------------------------
+
+
+def with_held_base(text: str) -> str:
+    """Return a description whose floating joint is fixed: the base of all that it carries.
+
+    Parameters
+    ----------
+    text : str
+        The description.
+
+    Returns
+    -------
+    str
+        The same text where no joint floats.
+    """
+    root = parse_xml('robot description', text, whole=True)
+    for joint in root.findall('joint'):
+        if joint.get('type') == 'floating':
+            joint.set('type', 'fixed')
+    return str(etree.tostring(root, encoding='unicode'))
+
+
+def remounted_description(source: str | os.PathLike[str], sensor: str, rotation: Array) -> str:
+    """Return a description's text with a sensor's `rpy` turned, the rest as it was.
+
+    Parameters
+    ----------
+    source : str or path
+        A file's path or XML text.
+    sensor : str
+        Name of an IMU or accelerometer.
+    rotation : (3, 3) array
+        Its true axes, seen from those that the description says.
+
+    Raises
+    ------
+    ConfigError, ModelError
+        The description has no such sensor, or is no robot.
+    """
+    where, text = read_source(source)
+    root = parse_xml(where, text, whole=True)
+    for element in root.findall('flexibility/sensor'):
+        if element.get('name') == sensor and element.get('type') in INERTIAL_PARTS:
+            said = rotation_rpy(_rpy(element))
+            element.set('rpy', number_text(*rpy_of(said @ rotation)))
+            edited = written(root, text)
+            tree_of(parse_xml(where, edited), where, edited)
+            return edited
+    raise ConfigError(where, [f'sensor {sensor!r} must be an IMU or accelerometer, got none'])
+
+
+def _rpy(element: Element) -> Array:
+    return np.array([float(number) for number in element.get('rpy', '0 0 0').split()])

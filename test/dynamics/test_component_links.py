@@ -14,7 +14,7 @@ from component_links import TURN, beam_as_link
 import denoc_ros as dn
 from denoc_ros.errors import ModelError, StateError
 from denoc_ros.model import link_file
-from denoc_ros.model.component_arrays import kernel_axes
+from denoc_ros.model.beam_arrays import kernel_axes
 from denoc_ros.model.numbers import values_of
 from denoc_ros.model.overrides import with_overrides
 from denoc_ros.types import Array

@@ -7,8 +7,8 @@ import re
 from dataclasses import dataclass, replace
 from typing import Any
 
+from denoc_ros.model.beam_sections import round_section
 from denoc_ros.model.dh.table import Table, as_finite
-from denoc_ros.model.sections import round_section
 
 CHAIN_KEYS = frozenset(('links', 'dh', 'joints', 'm', 'flexible_m', 'hub_izz', 'EI'))
 ROD_KEYS = frozenset(('name', 'a', 'm', 'mass_per_length', 'EI', 'E', 'I', 'hub_inertia'))
