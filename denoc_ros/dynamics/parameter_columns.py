@@ -17,11 +17,10 @@ from denoc_ros.model.arrays import inertia_row, is_flexible
 from denoc_ros.model.friction import slip
 from denoc_ros.model.inertia import from_centre, moved
 from denoc_ros.model.numbers import (
-    DAMPING,
     JOINT_FIELDS,
     RIGIDITIES,
     SPRING_FIELDS,
-    BeamNumber,
+    ElasticNumber,
     Number,
     numbers_of,
     own_path,
@@ -46,6 +45,7 @@ MOMENTS = {
     'izz': (2, 2),
 }
 AXES = ('x', 'y', 'z')
+NO_CONSTANTS: Int = np.zeros(0, dtype=np.int64)
 NOT_LINEAR = 'be a number in which torque is linear'
 # of the numbers that change live, the last parts of their paths
 LIVE_FIELDS = {
@@ -126,8 +126,8 @@ def _known(exist: Sequence[str]) -> _Unfit:
 
 def _diagonal(robot: RobotModel, number: Number) -> Column:
     column = np.zeros(robot.n)
-    column[number.coordinates] = number.per_unit(robot.tree)
-    return Column(number.term, column, np.zeros(0, dtype=np.int64))
+    column[list(number.coordinates)] = number.per_unit(robot.tree)
+    return Column(number.term, column, NO_CONSTANTS)
 
 
 # joints, beams and component modes --------------------------------------------------------------
@@ -165,19 +165,16 @@ def _beam(robot: RobotModel, numbers: dict[str, Number], rest: str) -> Column:
         if rest in [f'{whole.link}.{name}.modes' for name in parts]:
             raise _Unfit(f'{NOT_LINEAR}, got the number of modes')
     number = numbers.get(f'beam.{start}')
-    if not isinstance(number, BeamNumber) or number.attribute not in DAMPING:
+    if not isinstance(number, ElasticNumber) or number.term != 'damping':
         raise _known(_beam_paths(robot))
-    beam: Beam = number.place.element(robot.tree)
-    if number.attribute == 'damping_ratio' and beam.segments > 1:
+    if number.attribute == 'damping_ratio' and number.segments > 1:
         raise _Unfit("end with damping_ratio, one for a link of segments, got a mode's")
-    modes = getattr(beam, number.part).modes
+    modes = len(number.coordinates) // number.segments
     if not last.isdecimal() or not 1 <= int(last) <= modes:
         raise _Unfit(f'end with a mode from 1 to {modes}, got {last!r}')
-    column = _diagonal(robot, number)
-    own = np.zeros(sum(beam.modes))
-    own[number.own(beam).start + int(last) - 1] = 1.0
-    column.values[number.coordinates] *= np.tile(own, beam.segments)
-    return column
+    own = number.coordinates[int(last) - 1 :: modes]
+    values = _diagonal(robot, number).values
+    return Column('damping', np.where(np.isin(np.arange(robot.n), own), values, 0.0), NO_CONSTANTS)
 
 
 def _together(columns: Sequence[Column]) -> Column:

@@ -34,7 +34,6 @@ from denoc_ros.model.segments import (
     critical_damping,
     segment_shapes,
     segment_torsion_shapes,
-    with_stiffness,
 )
 from denoc_ros.model.shapes import (
     ShapeFunctions,
@@ -271,7 +270,7 @@ def _deformation(
     if segments > 1 and not (element.along.uniform and inertia.uniform):
         root = first_root(order, element.along, inertia)
     made = Deformation(shapes, element.stiffness, none, none, name, along, order, root)
-    made = with_stiffness(made, element.stiffness)
+    made = made.with_stiffness(element.stiffness)
     if element.damping is not None:
         return replace(made, damping=none + element.damping)
     if (ratio := element.damping_ratio) is not None:

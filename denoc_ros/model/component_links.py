@@ -59,9 +59,8 @@ def read_flexible(
     if found is None or len(findings.items) > before:
         return None
     path, reduced = found
-    stiffness = factor * reduced.stiffness
-    modes = ComponentModes(path, reduced, stiffness, np.zeros(reduced.modes), factor)
-    damped = _damped(reader, modes)
+    modes = ComponentModes(path, reduced, reduced.stiffness, np.zeros(reduced.modes))
+    damped = _damped(reader, modes.with_stiffness(factor))
     if len(findings.items) > before or damped is None:
         return None
     return FlexibleElement(link, damped, inertial)

@@ -12,7 +12,7 @@ again; what changes the coordinates, such as `beam.<link>.segments`, is no numbe
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from typing import Any, TypeVar
@@ -23,15 +23,9 @@ from denoc_ros.errors import ConfigError
 from denoc_ros.model.coordinates import PARTS as FLOATING
 from denoc_ros.model.findings import LARGEST, SMALLEST, Findings, as_text
 from denoc_ros.model.payloads import PAYLOAD_SIZES, WHERE, carrying_links, with_payloads
-from denoc_ros.model.segments import (
-    PARTS,
-    damping_ratios,
-    deformations,
-    locate,
-    with_stiffness,
-)
+from denoc_ros.model.segments import damping_ratios, deformations, locate
 from denoc_ros.model.sensors import sensor_row
-from denoc_ros.model.tree import Beam, Body, Joint, Sensor, Tree
+from denoc_ros.model.tree import Body, Joint, Sensor, Tree
 from denoc_ros.types import Array
 
 Given = TypeVar('Given')
@@ -103,7 +97,7 @@ class Number:
     term : str
         The term of the dynamics that is linear in it: one of `coordinates.TERMS`, or `inertia`;
         '' for none.
-    coordinates : range
+    coordinates : tuple of int
         Those that it acts along.
     positive, signed : bool
         Whether it must be > 0; whether it may be < 0.
@@ -116,7 +110,7 @@ class Number:
     place: Place
     attribute: str
     term: str = ''
-    coordinates: range = range(0)
+    coordinates: tuple[int, ...] = ()
     positive: bool = False
     signed: bool = False
     counts: tuple[int, ...] = (1,)
@@ -146,121 +140,79 @@ class Number:
         return self.attribute != 'gain' or values[0] != 0.0
 
 
+@dataclass(frozen=True)
 class ElasticNumber(Number):
-    """Stiffness, damping ratios or damping of component modes."""
+    """Stiffness, damping ratios or damping of component modes, or of a beam's deformation."""
 
-    names = ('factor', 'stiffness')  # attributes of the modes: the number, and its effect on each
+    segments: int = 1  # bodies that have the number, one after another
 
     def get(self, tree: Tree) -> Value:
         """Return the stiffness, or the damping of each mode."""
-        modes, critical = self._modes(self.place.element(tree))
+        modes = self.place.element(tree)
+        found = getattr(modes, self.attribute)
         if self.positive:
-            return float(getattr(modes, self.names[0]))
-        if self.attribute == 'damping':
-            return list(modes.damping.tolist())
-        if modes.damping_ratio is None:
-            return damping_ratios(modes.damping, critical)[: self.counts[-1]]
-        return list((modes.damping_ratio * np.ones(self.counts[-1])).tolist())
+            return float(found)
+        if found is None:
+            return damping_ratios(modes.damping, _critical(tree, self.place))[: self.counts[-1]]
+        return list((found * np.ones(self.counts[-1])).tolist())
 
     def set(self, tree: Tree, values: Array) -> Tree:
         """Return the robot with other modes; a damping ratio that was given stays."""
-        return self.place.put(tree, self._changed(self.place.element(tree), values))
+        for place in self._places:
+            modes = place.element(tree)
+            ratio = values if self.attribute == 'damping_ratio' else modes.damping_ratio
+            if self.attribute == 'damping':
+                modes, ratio = replace(modes, damping=values * np.ones(modes.damping.shape)), None
+            elif self.positive:
+                modes = modes.with_stiffness(values.item())
+            tree = place.put(tree, replace(modes, damping_ratio=ratio))
+            if ratio is not None:
+                damped = replace(place.element(tree), damping=ratio * _critical(tree, place))
+                tree = place.put(tree, damped)
+        return _with_rigidities(tree, self._places) if self.positive else tree
 
     def per_unit(self, tree: Tree) -> Array:
         """Return the modes' stiffness by the number, their critical damping, or ones."""
-        return self._share(self.place.element(tree))
+        if self.attribute == 'damping':
+            return np.ones(len(self.coordinates))
+        if self.positive:
+            return np.concatenate([place.element(tree).unit_stiffness for place in self._places])
+        return np.concatenate([_critical(tree, place) for place in self._places])
 
     def allows(self, tree: Tree, values: Array) -> bool:
         """Say whether values (k,) are possible and make no overflow."""
         if not super().allows(tree, values):
             return False
         with np.errstate(over='ignore', invalid='ignore'):
-            modes, _ = self._modes(self._changed(self.place.element(tree), values))
-        return bool(np.isfinite([getattr(modes, self.names[1]), modes.damping]).all())
-
-    def _modes(self, element: Any) -> tuple[Any, Array]:
-        """Return the modes of an element, and their critical damping."""
-        return element, element.critical_damping
-
-    def _with(self, element: Any, modes: Any) -> Any:
-        """Return an element with other modes."""
-        del element
-        return modes
-
-    def _with_stiffness(self, element: Any, value: float) -> Any:
-        return replace(element, stiffness=value * element.link.stiffness, factor=value)
-
-    def _share(self, element: Any) -> Array:
-        modes, critical = self._modes(element)
-        if self.positive:
-            number, effect = (getattr(modes, name) for name in self.names)
-            return np.asarray(effect / number)
-        return critical if self.attribute == 'damping_ratio' else np.ones(critical.shape)
-
-    def _changed(self, element: Any, values: Array) -> Any:
-        modes, critical = self._modes(element)
-        if self.attribute == 'damping':
-            damping = values * np.ones(critical.shape)
-            return self._with(element, replace(modes, damping=damping, damping_ratio=None))
-        ratio = values
-        if self.positive:
-            element, ratio = self._with_stiffness(element, values.item()), modes.damping_ratio
-            modes, critical = self._modes(element)
-        if ratio is None:
-            return element
-        return self._with(element, replace(modes, damping=ratio * critical, damping_ratio=ratio))
-
-
-class BeamNumber(ElasticNumber):
-    """EI or GJ, damping ratios or damping of a deformation of a beam, of all its segments."""
-
-    names = ('stiffness', 'modal_stiffness')
+            modes = self.place.element(self.set(tree, values))
+        return bool(np.isfinite([modes.modal_stiffness, modes.damping]).all())
 
     @property
-    def part(self) -> str:
-        """The deformation: y, z or torsion."""
-        return self.path.split('.')[-2]
+    def _places(self) -> list[Place]:
+        first = self.place.index
+        return [replace(self.place, index=first + k) for k in range(self.segments)]
 
-    def set(self, tree: Tree, values: Array) -> Tree:
-        """Return the robot with another beam, and load cells that read it."""
-        for place in self._segments(tree):
-            tree = place.put(tree, self._changed(place.element(tree), values))
-        if not self.positive:
-            return tree
-        return replace(tree, sensors=tuple(_of_beams(sensor, tree) for sensor in tree.sensors))
 
-    def per_unit(self, tree: Tree) -> Array:
-        """Return that of the modes of all segments, one segment after another."""
-        beams = [place.element(tree) for place in self._segments(tree)]
-        own, found = self.own(beams[0]), np.zeros((len(beams), sum(beams[0].modes)))
-        found[:, own] = [self._share(beam) for beam in beams]
-        return found.ravel()
+def _critical(tree: Tree, place: Place) -> Array:
+    """Return the critical damping (modes,) of component modes, or of a beam's deformation."""
+    body: Body = tree.bodies[place.index]
+    if body.beam is None:
+        return np.asarray(place.element(tree).critical_damping)
+    parts = deformations(body.beam)
+    return next(critical for name, _, critical in parts if name == place.fields[-1])
 
-    def _segments(self, tree: Tree) -> list[Place]:
-        first = self.place
-        return [replace(first, index=first.index + k) for k in range(first.element(tree).segments)]
 
-    def own(self, beam: Beam) -> slice:
-        """Return the places of the deformation among the amplitudes of a segment."""
-        k = PARTS.index(self.part)
-        before = sum(beam.modes[:k])
-        return slice(before, before + beam.modes[k])
-
-    def _modes(self, element: Beam) -> tuple[Any, Array]:
-        return next(found[1:] for found in deformations(element) if found[0] == self.part)
-
-    def _with(self, element: Beam, modes: Any) -> Beam:
-        part: dict[str, Any] = {self.part: modes}
-        return replace(element, **part)
-
-    def _with_stiffness(self, element: Beam, value: float) -> Beam:
-        element = self._with(element, with_stiffness(getattr(element, self.part), value))
-        if not element.has_section:
-            return element
-        # as in a description whose section has become numbers
-        depth = max(element.surface) * (2.0**0.5 if element.corners else 1.0)
-        depth = depth if np.isfinite(element.strain_limit) else 0.0
-        return replace(element, surface=(depth, depth), corners=False, has_section=False)
+def _with_rigidities(tree: Tree, places: Sequence[Place]) -> Tree:
+    """Return a robot whose load cells, and sections of beams at places, fit their EI and GJ."""
+    for place in places:
+        beam = tree.bodies[place.index].beam
+        if beam is not None and beam.has_section:
+            # as in a description whose section has become numbers
+            depth = max(beam.surface) * (2.0**0.5 if beam.corners else 1.0)
+            depth = depth if np.isfinite(beam.strain_limit) else 0.0
+            beam = replace(beam, surface=(depth, depth), corners=False, has_section=False)
+            tree = replace(place, fields=('beam',)).put(tree, beam)
+    return replace(tree, sensors=tuple(_of_beams(sensor, tree) for sensor in tree.sensors))
 
 
 def _of_beams(sensor: Sensor, tree: Tree) -> Sensor:
@@ -324,52 +276,58 @@ def numbers_of(tree: Tree) -> dict[str, Number]:
 
 
 def _of_joint(index: int, joint: Joint, first: int) -> Iterator[Number]:
-    path, place = f'joint.{joint.name}', Place('bodies', index, ('joint',))
-    units = joint.kind.units
+    path, place, units = (
+        f'joint.{joint.name}',
+        Place('bodies', index, ('joint',)),
+        joint.kind.units,
+    )
     for field in JOINT_FIELDS:
-        yield Number(f'{path}.{field}', units[field], place, field, field, range(first, first + 1))
+        yield Number(f'{path}.{field}', units[field], place, field, field, (first,))
     if joint.spring is None:
         return
     place = Place('bodies', index, ('joint', 'spring'))
     for field, attribute in SPRING_FIELDS.items():
-        linear = attribute == 'damping' or (attribute == 'stiffness' and not joint.spring.backlash)
-        yield Number(
-            f'{path}.{field}',
-            units[field],
-            place,
-            attribute,
-            attribute if linear else '',
-            range(first + 1, first + 2),
-            positive=attribute == 'stiffness',
-        )
+        stiff = attribute == 'stiffness'
+        linear = attribute == 'damping' or (stiff and not joint.spring.backlash)
+        term = attribute if linear else ''
+        number = Number(f'{path}.{field}', units[field], place, attribute, term, (first + 1,))
+        yield replace(number, positive=stiff)
 
 
 def _of_elastic(index: int, body: Body, first: int) -> Iterator[Number]:
     if body.modes is not None:
-        place, path = Place('bodies', index, ('modes',)), f'flexible.{body.name}'
         own = range(first, first + body.modes.count)
-        yield ElasticNumber(f'{path}.stiffness', '', place, 'stiffness', 'stiffness', own, True)
-        for field in DAMPING:
-            many = (1, body.modes.count)
-            unit = '-' if field == 'damping_ratio' else 'N s/m'
-            yield ElasticNumber(f'{path}.{field}', unit, place, field, 'damping', own, counts=many)
+        place, path = Place('bodies', index, ('modes',)), f'flexible.{body.name}'
+        yield from _of_modes(path, place, ('stiffness', 'factor', '', 'N s/m'), own, 1)
     if body.beam is None or body.segment > 1:  # all have the numbers of the first
         return
-    beam, place = body.beam, Place('bodies', index, ('beam',))
-    own = range(first, first + beam.segments * sum(beam.modes))
-    for name in PARTS:
-        if (part := getattr(beam, name)) is None:
-            continue
-        path = f'beam.{body.name}.{name}'
+    size, segments = sum(body.beam.modes), body.beam.segments
+    for name, part, _ in deformations(body.beam):
+        own = [
+            first + k + size * segment for segment in range(segments) for k in range(part.modes)
+        ]
+        first += part.modes
+        place, path = Place('bodies', index, ('beam', name)), f'beam.{body.name}.{name}'
         rigidity, damping = ('gj', 'N m s/rad') if name == 'torsion' else ('ei', 'N s/m')
-        yield BeamNumber(f'{path}.{rigidity}', 'N m^2', place, rigidity, 'stiffness', own, True)
-        yield BeamNumber(
-            f'{path}.damping', damping, place, 'damping', 'damping', own, counts=(1, part.modes)
-        )
-        many: tuple[int, ...] = (1,) if beam.segments > 1 else (1, part.modes)
-        yield BeamNumber(
-            f'{path}.damping_ratio', '-', place, 'damping_ratio', 'damping', own, counts=many
-        )
+        names = rigidity, 'stiffness', 'N m^2', damping
+        yield from _of_modes(path, place, names, own, segments)
+
+
+def _of_modes(
+    path: str, place: Place, names: tuple[str, str, str, str], own: Sequence[int], segments: int
+) -> Iterator[Number]:
+    """Yield stiffness, damping and damping ratio; names: field, attribute and units."""
+    field, attribute, unit, of_damping = names
+    modes = (1, len(own) // segments)
+    along: dict[str, Any] = {'coordinates': tuple(own), 'segments': segments}
+
+    def number(last: str, unit: str, attribute: str, term: str, **rest: Any) -> ElasticNumber:
+        return ElasticNumber(f'{path}.{last}', unit, place, attribute, term, **along, **rest)
+
+    yield number(field, unit, attribute, 'stiffness', positive=True)
+    yield number('damping', of_damping, 'damping', 'damping', counts=modes)
+    counts = modes if segments == 1 else (1,)
+    yield number('damping_ratio', '-', 'damping_ratio', 'damping', counts=counts)
 
 
 def values_of(tree: Tree) -> Values:

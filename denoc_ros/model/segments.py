@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import eigh
@@ -165,12 +165,6 @@ def deformations(beam: Beam) -> Iterator[tuple[str, Deformation, Array]]:
 def damping_ratios(damping: Array, critical: Array) -> list[float]:
     """Return ratios of modes, rounded: 0.005 in a file is to show as such."""
     return [float(f'{ratio:.12g}') for ratio in damping / critical]
-
-
-def with_stiffness(part: Deformation, stiffness: float) -> Deformation:
-    """Return a deformation of another EI or GJ [N m^2], its damping as it was."""
-    modal = stiffness * np.diag(part.shapes.gram(part.order, part.along))
-    return replace(part, stiffness=stiffness, modal_stiffness=modal)
 
 
 def critical_damping(part: Deformation, inertia: float, along: Along, segments: int) -> Array:

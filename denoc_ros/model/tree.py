@@ -6,7 +6,7 @@ Produced from URDF + `<flexibility>` by :mod:`denoc_ros.model.urdf`; nothing her
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import Enum
 from functools import cached_property
 from typing import Any
@@ -144,6 +144,16 @@ class Deformation:
         return np.asarray(self.stiffness * self.along.values(share))
 
     @property
+    def unit_stiffness(self) -> Array:
+        """Modal stiffness (m,) by EI or GJ."""
+        return np.asarray(self.modal_stiffness / self.stiffness)
+
+    def with_stiffness(self, stiffness: float) -> Deformation:
+        """Return the same of another EI or GJ [N m^2], its damping as it was."""
+        modal = stiffness * np.diag(self.shapes.gram(self.order, self.along))
+        return replace(self, stiffness=stiffness, modal_stiffness=modal)
+
+    @property
     def modes(self) -> int:
         """Number of shape functions."""
         return len(self.damping)
@@ -200,6 +210,20 @@ class ComponentModes:
     def count(self) -> int:
         """Number of modes."""
         return self.link.modes
+
+    @property
+    def modal_stiffness(self) -> Array:
+        """Stiffness (m,) of the modes, as beams call it."""
+        return self.stiffness
+
+    @property
+    def unit_stiffness(self) -> Array:
+        """Stiffness (m,) of the modes at a factor of 1."""
+        return self.link.stiffness
+
+    def with_stiffness(self, factor: float) -> ComponentModes:
+        """Return the same with another factor on the file's stiffness, its damping as it was."""
+        return replace(self, stiffness=factor * self.link.stiffness, factor=factor)
 
     @property
     def critical_damping(self) -> Array:
