@@ -162,7 +162,7 @@ class TorqueReplay:
         parts = self._rigid(motion, base)
         own = parts['friction']
         if self._friction is not None:
-            parts['friction'] = self._friction.torque(motion.qd)
+            parts['friction'] = self._friction.force(motion.qd)
             parts['offset'] = np.broadcast_to(self._friction.offset, own.shape)
         models = {'rigid': np.sum(list(parts.values()), axis=0)}
         if not self._bends:
@@ -259,7 +259,7 @@ class TorqueReplay:
             robot.inverse_dynamics(q, *rates, base=base)
             for rates in ((zero, zero), (qd, zero), (qd, qdd))
         ]
-        friction = self._of_model.torque(qd[:, index])
+        friction = self._of_model.force(qd[:, index])
         return (*(force[:, index] @ self._ties for force in forces), friction @ self._ties)
 
     def _in_loops(self, motion: SmoothedMotion, states: Array | None = None) -> tuple[Array, ...]:
@@ -279,7 +279,7 @@ class TorqueReplay:
                 states[:, k] = q, qd, qdd
             of_loops, friction = np.zeros((2, robot.n))
             driven.add_friction(qd, of_loops)
-            friction[robot.joint_indices] = self._of_model.torque(qd[robot.joint_indices])
+            friction[robot.joint_indices] = self._of_model.force(qd[robot.joint_indices])
             forces = (
                 robot.inverse_dynamics(q, zero, zero),
                 robot.inverse_dynamics(q, qd, zero) + of_loops,

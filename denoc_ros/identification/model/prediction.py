@@ -268,7 +268,7 @@ class PreparedRun:
                 ('armature', robot.armature[index]),
             )
         )
-        added = Friction(viscous, coulomb, 0.0 * viscous).torque(states[1][:, index])
+        added = Friction(viscous, coulomb).force(states[1][:, index])
         torque: Array = added + armature * states[2][:, index]
         return torque
 
