@@ -296,7 +296,7 @@ def _of_joint(index: int, joint: Joint, first: int) -> Iterator[Number]:
 
 def _of_elastic(index: int, body: Body, first: int) -> Iterator[Number]:
     if body.modes is not None:
-        own = range(first, first + body.modes.count)
+        own: Sequence[int] = range(first, first + body.modes.count)
         place, path = Place('bodies', index, ('modes',)), f'flexible.{body.name}'
         yield from _of_modes(path, place, ('stiffness', 'factor', '', 'N s/m'), own, 1)
     if body.beam is None or body.segment > 1:  # all have the numbers of the first
