@@ -62,7 +62,9 @@ def add_loop_friction(robot: RobotModel, qd: Array, axes: Array, force: Array) -
     """Add damping and friction of the loops' own joints to a force (n,) in place."""
     resisting = [loop for loop in robot.tree.loops if loop.damping > 0.0 or loop.friction > 0.0]
     for loop, axis in zip(resisting, axes, strict=True):
-        force += axis * Friction(loop.damping, loop.friction).force(float(axis @ qd))
+        force += axis * Friction(np.asarray(loop.damping), np.asarray(loop.friction)).force(
+            float(axis @ qd)
+        )
 
 
 def least_solution(matrix: Array, wanted: Array) -> tuple[Array, Array]:

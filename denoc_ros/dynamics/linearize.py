@@ -154,4 +154,4 @@ def _forces(
 
 def friction_slope(robot: RobotModel, qd: Array) -> Array:
     """Return the slope (n,) of the coordinates' Coulomb friction at rates qd."""
-    return Friction(0.0, robot.friction).slope(qd)
+    return Friction(np.zeros(robot.n), robot.friction).slope(qd)

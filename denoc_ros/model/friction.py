@@ -22,14 +22,14 @@ class Friction:
 
     Attributes
     ----------
-    viscous : (joints,) array or float
+    viscous : (joints,) array
         [N m s/rad, N s/m]
-    coulomb, offset : (joints,) array or float
+    coulomb, offset : (joints,) array
         [N m, N]; the offset is an effort's beside friction.
     """
 
-    viscous: Array | float
-    coulomb: Array | float
+    viscous: Array
+    coulomb: Array
     offset: Array | float = 0.0
 
     def force(self, rate: Array | float) -> Array:

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from simulated_bags import SimulatedBag
 from truth_robots import truth_case
 
@@ -23,7 +22,6 @@ from denoc_ros.replay.friction import FrictionFit
 from denoc_ros.replay.settings import ReplaySettings
 from denoc_ros.replay.summary import doubts
 
-Array = NDArray[np.float64]
 ROWS = 30
 STARTS = np.arange(ROWS) == 0
 
@@ -75,7 +73,7 @@ def test_given_friction_stands_for_the_robot_s_own(arm: Robot) -> None:
     law = Friction(np.full(joints, 0.7), np.full(joints, 0.2), np.linspace(-1.0, 1.0, joints))
     motion = wild(arm)
     own, given = terms(arm, motion), terms(arm, motion, law)
-    expected = own.best - own.parts['friction'] + law.torque(motion.qd) + law.offset
+    expected = own.best - own.parts['friction'] + law.force(motion.qd) + law.offset
     np.testing.assert_allclose(given.best, expected, atol=1e-10)
 
 
