@@ -13,7 +13,7 @@ from denoc_ros.dynamics.robot_model import Held, RobotModel
 from denoc_ros.dynamics.tree_dynamics import TreeDynamics
 from denoc_ros.errors import ConfigError
 from denoc_ros.kernels import layout
-from denoc_ros.model.arrays import inertia_row, is_flexible
+from denoc_ros.model.arrays import inertia_row, is_flexible, rigid_inertia
 from denoc_ros.model.friction import slip
 from denoc_ros.model.inertia import from_centre, moved
 from denoc_ros.model.numbers import (
@@ -26,7 +26,7 @@ from denoc_ros.model.numbers import (
     own_path,
     some_of,
 )
-from denoc_ros.model.payloads import carrying_links
+from denoc_ros.model.payloads import carrying_links, payloads_of
 from denoc_ros.model.segments import PARTS, whole_beams
 from denoc_ros.model.tree import Beam, RigidInertia
 from denoc_ros.types import Array
@@ -36,17 +36,14 @@ Int = NDArray[np.int64]
 WHERE = 'torque regressor'
 # in the order of the rows of a model's diagonals
 DIAGONAL_TERMS = ('stiffness', 'damping', 'friction', 'armature')
-MOMENTS = {
-    'ixx': (0, 0),
-    'ixy': (0, 1),
-    'ixz': (0, 2),
-    'iyy': (1, 1),
-    'iyz': (1, 2),
-    'izz': (2, 2),
-}
-AXES = ('x', 'y', 'z')
 NO_CONSTANTS: Int = np.zeros(0, dtype=np.int64)
 NOT_LINEAR = 'be a number in which torque is linear'
+KINDS = ('beam', 'flexible', 'joint', 'payload', 'link', 'damping')
+INERTIAL = (
+    'mass', 'first_moment.x', 'first_moment.y', 'first_moment.z',
+    'inertia.ixx', 'inertia.ixy', 'inertia.ixz', 'inertia.iyy', 'inertia.iyz', 'inertia.izz',
+)  # fmt: skip
+OF_PAYLOADS = [field for field in INERTIAL if not field.startswith('first_moment')]
 # of the numbers that change live, the last parts of their paths
 LIVE_FIELDS = {
     'beam': (*RIGIDITIES, 'damping_ratio'),
@@ -81,25 +78,9 @@ def find_columns(robot: RobotModel, paths: Sequence[str]) -> list[Column]:
         With every path that gives none.
     """
     numbers, columns, findings = modelled_numbers(robot), [], []
-    finders = {
-        'beam': _beam,
-        'flexible': _flexible,
-        'joint': _joint,
-        'payload': _payload,
-        'link': _link,
-    }
     for path in paths:
-        own = own_path(path, numbers)
-        kind, _, rest = own.partition('.')
-        number = numbers.get(own)
         try:
-            if kind not in finders:
-                starts = ', '.join(f'{name}.' for name in (*finders, 'damping'))
-                raise _Unfit(f'start with one of {starts}, got {path!r}')
-            if number is not None and number.term in DIAGONAL_TERMS:
-                columns.append(_diagonal(robot, number))
-            else:
-                columns.append(finders[kind](robot, numbers, rest))
+            columns.append(_column(robot, numbers, own_path(path, numbers)))
         except _Unfit as unfit:
             findings.append(f'path {path!r}: must {unfit}')
     ConfigError.raise_any(WHERE, findings)
@@ -124,32 +105,35 @@ def _known(exist: Sequence[str]) -> _Unfit:
     return _Unfit(f'be one that the robot has ({listed}), got another')
 
 
+def _column(robot: RobotModel, numbers: dict[str, Number], path: str) -> Column:
+    kind, _, rest = path.partition('.')
+    number = numbers.get(path)
+    if number is not None and number.term in DIAGONAL_TERMS:
+        return _diagonal(robot, number)
+    if kind == 'beam':
+        return _beam(robot, numbers, rest)
+    if kind in ('link', 'payload'):
+        return _inertial(robot, kind, rest)
+    if kind == 'joint' and number is not None:
+        field = rest.rpartition('.')[2]
+        raise _Unfit(f'{NOT_LINEAR}, got {field} of a spring with backlash or stiffness3')
+    if kind == 'joint':
+        known = []
+        for joint in robot.joint_names:
+            springs = SPRING_FIELDS if robot.tree.joints[joint].spring is not None else ()
+            known.append(f'joint.{joint}.<{"|".join((*JOINT_FIELDS, *springs))}>')
+        raise _known(known)
+    if kind == 'flexible':
+        flexible = [body.name for body in robot.tree.bodies if body.modes is not None]
+        raise _known([f'flexible.{each}.<stiffness|damping|damping_ratio>' for each in flexible])
+    kinds = ', '.join(f'{name}.' for name in KINDS)
+    raise _Unfit(f'start with one of {kinds}, got {path!r}')
+
+
 def _diagonal(robot: RobotModel, number: Number) -> Column:
     column = np.zeros(robot.n)
     column[list(number.coordinates)] = number.per_unit(robot.tree)
     return Column(number.term, column, NO_CONSTANTS)
-
-
-# joints, beams and component modes --------------------------------------------------------------
-
-
-def _joint(robot: RobotModel, numbers: dict[str, Number], rest: str) -> Column:
-    """Refuse a number of a joint that is none, or that acts along no coordinate linearly."""
-    if f'joint.{rest}' in numbers:
-        field = rest.rpartition('.')[2]
-        raise _Unfit(f'{NOT_LINEAR}, got {field} of a spring with backlash or stiffness3')
-    known = []
-    for joint in robot.joint_names:
-        spring = robot.tree.joints[joint].spring
-        fields = JOINT_FIELDS if spring is None else (*JOINT_FIELDS, *SPRING_FIELDS)
-        known.append(f'joint.{joint}.<{"|".join(fields)}>')
-    raise _known(known)
-
-
-def _flexible(robot: RobotModel, numbers: dict[str, Number], rest: str) -> Column:
-    del numbers, rest
-    flexible = [body.name for body in robot.tree.bodies if body.modes is not None]
-    raise _known([f'flexible.{each}.<stiffness|damping|damping_ratio>' for each in flexible])
 
 
 def _beam(robot: RobotModel, numbers: dict[str, Number], rest: str) -> Column:
@@ -218,52 +202,28 @@ def _polar_inertia(robot: RobotModel, i: int, beam: Beam) -> Column:
     return Column('inertia', values, np.concatenate([polar, np.arange(at, at + 10)]))
 
 
-# rigid bodies -----------------------------------------------------------------------------------
-
-
-def _rigid(robot: RobotModel, link: str, inertia: RigidInertia) -> Column:
-    """Return the column of an inertia about a link frame's origin."""
-    attachment = robot.tree.frames[link]
-    seen = moved(inertia, attachment.placement)
-    row = robot.arrays.topology[robot.arrays.body_rows[attachment.body]].astype(int)
-    at = int(row[layout.BODY_CONSTANTS]) + layout.MASS
-    values = inertia_row(seen, robot.arrays.body_axes(attachment.body))
-    return Column('inertia', values, np.arange(at, at + 10))
-
-
-def _moment(name: str) -> RigidInertia:
-    """Return a unit of one of the six moments and products of inertia."""
-    matrix = np.zeros((3, 3))
-    r, c = MOMENTS[name]
-    matrix[r, c] = matrix[c, r] = 1.0
-    return RigidInertia(inertia=matrix)
-
-
-def _split(
-    robot: RobotModel, rest: str, kind: str, fields: Sequence[str]
-) -> tuple[str, list[str]]:
-    """Return the link and the field's parts of a path."""
-    links = carrying_links(robot.tree)
-    for link in sorted(links, key=len, reverse=True):
-        if rest.startswith(f'{link}.'):
-            return link, rest[len(link) + 1 :].split('.')
-    raise _known([f'{kind}.{link}.<{"|".join(fields)}>' for link in sorted(links)])
-
-
-def _payload(robot: RobotModel, numbers: dict[str, Number], rest: str) -> Column:
-    del numbers
-    fields = ('mass', *(f'inertia.{name}' for name in MOMENTS))
-    link, parts = _split(robot, rest, 'payload', fields)
-    if parts == ['com']:
-        raise _Unfit(
-            f'{NOT_LINEAR}, got a centre of mass (inertia has its square): take '
-            f'link.{link}.first_moment.<x|y|z>'
-        )
-    if parts == ['mass']:
-        return _rigid(robot, link, from_centre(1.0, _centre(robot, link), np.zeros((3, 3))))
-    if len(parts) == 2 and parts[0] == 'inertia' and parts[1] in MOMENTS:
-        return _rigid(robot, link, _moment(parts[1]))
-    raise _known([f'payload.{link}.<{"|".join(fields)}>'])
+def _inertial(robot: RobotModel, kind: str, rest: str) -> Column:
+    """Return the column of a rigid body's number, of a payload about its centre of mass."""
+    fields = INERTIAL if kind == 'link' else OF_PAYLOADS
+    links = sorted(carrying_links(robot.tree), key=len, reverse=True)
+    link = next((each for each in links if rest.startswith(f'{each}.')), None)
+    if link is None:
+        raise _known([f'{kind}.{each}.<{"|".join(fields)}>' for each in sorted(links)])
+    field = rest[len(link) + 1 :]
+    if field == 'com':
+        why = ' (inertia has its square)' if kind == 'payload' else ''
+        way = f'take link.{link}.first_moment.<x|y|z>'
+        raise _Unfit(f'{NOT_LINEAR}, got a centre of mass{why}: {way}')
+    if field not in fields:
+        raise _known([f'{kind}.{link}.<{"|".join(fields)}>'])
+    inertia = rigid_inertia(np.eye(10)[INERTIAL.index(field)], np.eye(3))
+    if kind == 'payload' and field == 'mass':
+        inertia = from_centre(1.0, _centre(robot, link), np.zeros((3, 3)))
+    at = robot.tree.frames[link]
+    row = robot.arrays.topology[robot.arrays.body_rows[at.body]].astype(int)
+    first = int(row[layout.BODY_CONSTANTS]) + layout.MASS
+    values = inertia_row(moved(inertia, at.placement), robot.arrays.body_axes(at.body))
+    return Column('inertia', values, np.arange(first, first + 10))
 
 
 def _centre(robot: RobotModel, link: str) -> Array:
@@ -271,27 +231,8 @@ def _centre(robot: RobotModel, link: str) -> Array:
     held = robot.payload_centre(link)
     if held is not None:
         return held
-    given = robot.tree.overrides.get(f'payload.{link}.com')
-    return np.zeros(3) if given is None else np.ravel(np.asarray(given, dtype=np.float64))
-
-
-def _link(robot: RobotModel, numbers: dict[str, Number], rest: str) -> Column:
-    del numbers
-    moments = [f'first_moment.{axis}' for axis in AXES]
-    fields = ('mass', *moments, *(f'inertia.{name}' for name in MOMENTS))
-    link, parts = _split(robot, rest, 'link', fields)
-    units = {'mass': RigidInertia(1.0)}
-    units.update(
-        (axis, RigidInertia(first_moment=unit))
-        for axis, unit in zip(moments, np.eye(3), strict=True)
-    )
-    units.update((f'inertia.{name}', _moment(name)) for name in MOMENTS)
-    field = '.'.join(parts)
-    if field == 'com':
-        raise _Unfit(f'{NOT_LINEAR}, got a centre of mass: take link.{link}.first_moment.<x|y|z>')
-    if field not in units:
-        raise _known([f'link.{link}.<{"|".join(fields)}>'])
-    return _rigid(robot, link, units[field])
+    modelled = payloads_of(robot.tree.overrides, robot.tree).get(link)
+    return np.zeros(3) if modelled is None else modelled.com
 
 
 # live changes -----------------------------------------------------------------------------------

@@ -17,9 +17,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from denoc_ros.dynamics.parameter_columns import INERTIAL
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.robot_model import with_numbers_of
 from denoc_ros.errors import ConfigError
+from denoc_ros.model.arrays import inertia_row
 from denoc_ros.model.inertia import (
     difference,
     inverse_transform,
@@ -45,7 +47,7 @@ POSE_PARTS = ('x', 'y', 'z', 'rx', 'ry', 'rz')
 
 
 @dataclass(frozen=True)
-class Number:
+class FreeNumber:
     """A number that may be free.
 
     Attributes
@@ -72,7 +74,7 @@ class Number:
         """The path without the recording."""
         return self.path.removesuffix(f'[{self.run}]') if self.run else self.path
 
-    def in_run(self, run: str) -> Number:
+    def in_run(self, run: str) -> FreeNumber:
         """Return the same number of one recording: `effort.joint_1.offset[monday.mcap]`."""
         return replace(self, path=f'{self.path}[{run}]', run=run)
 
@@ -85,7 +87,7 @@ class Number:
 
 def free_numbers(
     robot: Robot, efforts: Mapping[str, float], spreads: Mapping[str, float]
-) -> list[Number]:
+) -> list[FreeNumber]:
     """Return every number of a robot that may be free.
 
     Parameters
@@ -96,47 +98,45 @@ def free_numbers(
     spreads : dict of str to float
         By how much the value of each sensor was measured to vary, by its name.
     """
-    found: list[Number] = []
+    found: list[FreeNumber] = []
     for path, value in values_of(robot.tree).items():
         found.extend(_of_model(path, float(np.ravel(np.asarray(value))[0]), efforts, spreads))
-    for body in robot.tree.bodies:
-        if body.joint is not None:
-            joint = body.joint.name
-            found.append(Number(f'effort.{joint}.gain', 1.0, 0.0, True))
-            scale = OFFSET * efforts.get(joint, 1.0)
-            found.append(Number(f'effort.{joint}.offset', 0.0, scale, False))
+    for joint in robot.tree.joints:
+        found.append(FreeNumber(f'effort.{joint}.gain', 1.0, 0.0, True))
+        scale = OFFSET * efforts.get(joint, 1.0)
+        found.append(FreeNumber(f'effort.{joint}.offset', 0.0, scale, False))
     for link in carrying_links(robot.tree):
         mass, centre = payload_of(robot, link)
         found.append(_positive(f'payload.{link}.mass', mass, _payload_scale(robot)))
         found.extend(
-            Number(f'payload.{link}.com.{axis}', float(value), LEVER, False)
+            FreeNumber(f'payload.{link}.com.{axis}', float(value), LEVER, False)
             for axis, value in zip('xyz', centre, strict=True)
         )
     found.extend(_of_channels(robot, spreads))
     return found
 
 
-def _of_channels(robot: Robot, spreads: Mapping[str, float]) -> Iterator[Number]:
+def _of_channels(robot: Robot, spreads: Mapping[str, float]) -> Iterator[FreeNumber]:
     """Yield parameters of the sensors: delays, axes, biases."""
     for sensor in robot.tree.sensors:
-        yield Number(f'delay.{sensor.name}', 0.0, DELAY, False)
-    yield Number('delay.effort', 0.0, DELAY, False)
+        yield FreeNumber(f'delay.{sensor.name}', 0.0, DELAY, False)
+    yield FreeNumber('delay.effort', 0.0, DELAY, False)
     for inertial in robot.tree.inertial_sensors:
-        yield Number(f'delay.{inertial.name}', 0.0, DELAY, False)
+        yield FreeNumber(f'delay.{inertial.name}', 0.0, DELAY, False)
         for part in inertial.parts:
             usual = INERTIAL_OFFSET[part.partition('_')[0]]
             spread = spreads.get(f'{inertial.name}/{part}', usual)
-            yield Number(f'sensor.{inertial.name}.gain.{part}', 1.0, 0.0, True)
-            yield Number(f'sensor.{inertial.name}.offset.{part}', 0.0, spread or usual, False)
+            yield FreeNumber(f'sensor.{inertial.name}.gain.{part}', 1.0, 0.0, True)
+            yield FreeNumber(f'sensor.{inertial.name}.offset.{part}', 0.0, spread or usual, False)
     for frame in robot.tree.frames:
-        yield Number(f'delay.pose.{frame}', 0.0, DELAY, False)
+        yield FreeNumber(f'delay.pose.{frame}', 0.0, DELAY, False)
         for part in POSE_PARTS:
-            yield Number(f'pose.{frame}.offset.{part}', 0.0, POSE_OFFSET, False)
+            yield FreeNumber(f'pose.{frame}.offset.{part}', 0.0, POSE_OFFSET, False)
 
 
 def _of_model(
     path: str, value: float, efforts: Mapping[str, float], spreads: Mapping[str, float]
-) -> list[Number]:
+) -> list[FreeNumber]:
     """Return the number of a path of the model; none where it is no number to be identified."""
     kind, _, rest = path.partition('.')
     name, _, term = rest.rpartition('.')
@@ -145,19 +145,19 @@ def _of_model(
     if kind == 'flexible':
         return [_positive(path, value, 0.0 if term == 'stiffness' else SMALL_RATIO)]
     if kind == 'joint' and term == 'stiffness':
-        return [Number(path, value, 0.0, True)]
+        return [FreeNumber(path, value, 0.0, True)]
     if kind == 'joint' and (value > 0.0 or term in ('damping', 'friction', 'armature')):
         return [_positive(path, value, SMALL_FRICTION * efforts.get(name, 1.0))]
     if kind == 'sensor' and term == 'gain':
-        return [Number(path, value, 0.0, True)]
+        return [FreeNumber(path, value, 0.0, True)]
     if kind == 'sensor' and term == 'offset':
-        return [Number(path, value, spreads.get(name, 0.0) or abs(value) or 1.0, False)]
+        return [FreeNumber(path, value, spreads.get(name, 0.0) or abs(value) or 1.0, False)]
     return []
 
 
-def _positive(path: str, value: float, scale: float) -> Number:
+def _positive(path: str, value: float, scale: float) -> FreeNumber:
     """Return a number that must not be negative; one that is 0 starts from its scale's share."""
-    return Number(path, value if value > 0.0 else scale, scale, True)
+    return FreeNumber(path, value if value > 0.0 else scale, scale, True)
 
 
 def _payload_scale(robot: Robot) -> float:
@@ -195,10 +195,6 @@ KINDS = ('beam.', 'joint.', 'payload.', 'link.', 'sensor.', 'effort.', 'pose.', 
 ROUNDING = 1e-9  # of a pseudo-inertia: what arithmetic leaves of an exact zero
 STEP = 1e-6  # of theta, for derivatives of numbers
 SMALLEST = 1e-6  # of a body's pseudo-inertia: point masses and flat plates get so much
-INERTIAL = (
-    'mass', 'first_moment.x', 'first_moment.y', 'first_moment.z',
-    'inertia.ixx', 'inertia.ixy', 'inertia.ixz', 'inertia.iyy', 'inertia.iyz', 'inertia.izz',
-)  # fmt: skip
 UPPER = np.triu_indices(4)
 # what drifts: each recording has its own
 DRIFTING = re.compile(r'(effort|sensor)\..+\.offset(\.(gyro|accel)_[xyz])?')
@@ -280,10 +276,7 @@ class InertialBlock:
 
     def numbers(self, theta: Array) -> Array:
         """Return the ten numbers about the link frame's origin (10,)."""
-        about = self._about_link(theta)
-        return np.concatenate(
-            [[about.mass], about.first_moment, about.inertia[np.triu_indices(3)]]
-        )
+        return inertia_row(self._about_link(theta), np.eye(3))
 
     def _about_link(self, theta: Array) -> RigidInertia:
         triangle = np.zeros((4, 4))
