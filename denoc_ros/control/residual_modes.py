@@ -21,8 +21,7 @@ def without_armature(robot: Robot, joints: Sequence[str]) -> list[str]:
     """
     if not _has_beams(robot):
         return []
-    moved = [body.joint for body in robot.tree.bodies if body.joint is not None]
-    return [one.name for one in moved if one.name in joints and not one.armature]
+    return [n for n, one in robot.tree.joints.items() if n in joints and not one.armature]
 
 
 def is_hardened(robot: Robot, joints: Sequence[str]) -> bool:

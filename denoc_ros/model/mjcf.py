@@ -547,7 +547,7 @@ def _options(writer: _Writer, gravity: Array) -> None:
 def _notes(tree: Tree, chains: Iterable[_Chain]) -> list[str]:
     """Return where MJCF means something else than the description."""
     notes = []
-    joints = [body.joint for body in tree.bodies if body.joint is not None]
+    joints = tree.joints.values()
     if any(joint.friction for joint in joints):
         notes.append('friction: MuJoCo holds a resting joint still, without a smooth slip')
     if any(0.0 < joint.limits.velocity < math.inf for joint in joints):

@@ -15,7 +15,12 @@ from denoc_ros.dynamics.measured_side import described_coordinates
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import BagError, ConfigError
 from denoc_ros.types import Array
-from denoc_ros.viewer.channels import deflection_channel, residual_channel, torque_channels
+from denoc_ros.viewer.channels import (
+    deflection_channel,
+    residual_channel,
+    shown_deflections,
+    torque_channels,
+)
 from denoc_ros.viewer.snapshot import Snapshot
 from denoc_ros.viewer.thinned_topics import Rows, ThinnedTopics
 
@@ -36,8 +41,6 @@ DEFLECTIONS = {
     'plant/true_deflection': 'true',
 }
 RESIDUAL = 'predictor/sensor_residual'
-SHOWN_COMPONENTS = ('uy', 'uz', 'rx')
-NEGLIGIBLE = 1e-3  # of the largest deflection of its kind: not worth a strip chart
 RATE = 60.0  # Hz, of the moments kept
 
 
@@ -289,13 +292,4 @@ def _worth_showing(present: Mapping[str, Rows]) -> list[str]:
         for name, column in zip(rows.names, rows.position.T, strict=True):
             largest = float(np.nanmax(np.abs(column), initial=0.0))
             peaks[name] = max(peaks.get(name, 0.0), largest)
-    largest_of = {
-        kind: max((p for n, p in peaks.items() if n.rpartition('/')[2][:1] == kind), default=0.0)
-        for kind in ('u', 'r')
-    }
-    return [
-        name
-        for name, peak in peaks.items()
-        if (kind := name.rpartition('/')[2]) in SHOWN_COMPONENTS
-        and peak > max(NEGLIGIBLE * largest_of[kind[0]], 1e-12)
-    ]
+    return shown_deflections(peaks)
