@@ -15,7 +15,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -51,6 +51,7 @@ INERTIAL_FIELDS = {
 }
 PAYLOAD_UNITS = {'mass': 'kg', 'com': 'm', 'inertia': 'kg m^2'}
 SHOWN = 12  # paths in a message
+HELD = 'numbers'  # name of a tree's catalogue among its cached properties
 
 
 @dataclass(frozen=True)
@@ -83,8 +84,7 @@ def _with(holder: Any, fields: tuple[str, ...], element: Any) -> Any:
     return replace(holder, **{fields[0]: inner})
 
 
-@dataclass(frozen=True)
-class Number:
+class Number(NamedTuple):
     """A number of a robot, or several of one kind such as the damping of each mode of a beam.
 
     Attributes
@@ -103,6 +103,8 @@ class Number:
         Whether it must be > 0; whether it may be < 0.
     counts : tuple of int
         How many numbers may be given.
+    segments : int
+        Of a beam's, how many bodies have it, one after another.
     """
 
     path: str
@@ -114,6 +116,7 @@ class Number:
     positive: bool = False
     signed: bool = False
     counts: tuple[int, ...] = (1,)
+    segments: int = 1
 
     def get(self, tree: Tree) -> Value:
         """Return the value that a robot has."""
@@ -140,11 +143,8 @@ class Number:
         return self.attribute != 'gain' or values[0] != 0.0
 
 
-@dataclass(frozen=True)
 class ElasticNumber(Number):
     """Stiffness, damping ratios or damping of component modes, or of a beam's deformation."""
-
-    segments: int = 1  # bodies that have the number, one after another
 
     def get(self, tree: Tree) -> Value:
         """Return the stiffness, or the damping of each mode."""
@@ -243,7 +243,14 @@ class PayloadNumber(Number):
 
 
 def numbers_of(tree: Tree) -> dict[str, Number]:
-    """Return the numbers of a robot by their paths."""
+    """Return the numbers of a robot by their paths; the tree keeps them."""
+    held: dict[str, Number] | None = tree.__dict__.get(HELD)
+    if held is None:
+        held = tree.__dict__[HELD] = {number.path: number for number in _all_numbers(tree)}
+    return held
+
+
+def _all_numbers(tree: Tree) -> list[Number]:
     found: list[Number] = []
     first = 0
     for index, body in enumerate(tree.bodies):
@@ -272,7 +279,7 @@ def numbers_of(tree: Tree) -> dict[str, Number]:
             found.append(
                 PayloadNumber(path, unit, place, field, 'inertia', signed=signed, counts=counts)
             )
-    return {number.path: number for number in found}
+    return found
 
 
 def _of_joint(index: int, joint: Joint, first: int) -> Iterator[Number]:
@@ -291,7 +298,7 @@ def _of_joint(index: int, joint: Joint, first: int) -> Iterator[Number]:
         linear = attribute == 'damping' or (stiff and not joint.spring.backlash)
         term = attribute if linear else ''
         number = Number(f'{path}.{field}', units[field], place, attribute, term, (first + 1,))
-        yield replace(number, positive=stiff)
+        yield number._replace(positive=stiff)
 
 
 def _of_elastic(index: int, body: Body, first: int) -> Iterator[Number]:
@@ -363,7 +370,10 @@ def with_numbers(tree: Tree, changes: Mapping[str, Any]) -> Tree | None:
         if number is None or values is None or not number.allows(tree, values):
             return None
         tree = number.set(tree, values)
-    return replace(tree, overrides=given)
+    tree = replace(tree, overrides=given)
+    if not any(path.endswith('.backlash') for path in plain):  # a spring with play is not linear
+        tree.__dict__[HELD] = numbers
+    return tree
 
 
 def _floats(value: Any) -> Array | None:
