@@ -31,7 +31,7 @@ def add_parser(subparsers: Any, named: str = '') -> None:
         return
     modules = [ACTION_MODULES[named]] if named in ACTION_MODULES else ACTION_MODULES.values()
     for module in dict.fromkeys(modules):
-        importlib.import_module(f'denoc_ros.cli.{module}').add_actions(actions)
+        importlib.import_module(f'denoc_ros.{module}').add_actions(actions)
 
 
 def run(args: argparse.Namespace) -> int:

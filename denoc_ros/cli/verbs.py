@@ -38,19 +38,22 @@ ACTIONS = {
     'selftest': 'accuracy of the estimators on synthetic decays with known truth',
 }
 
-# module of an action
+# verbs of the room of studies, which no other room imports
+STUDIES = ('dh', 'stability', 'bench')
+
+# module of an action, in denoc_ros
 ACTION_MODULES = {
-    'info': 'identify_records',
-    'segment': 'identify_records',
-    'modal': 'identify_modal',
-    'joint': 'identify_joint',
-    'forced': 'identify_forced',
-    'servo': 'identify_servo',
-    'model': 'identify_model',
-    'excite': 'identify_excite',
-    'apply': 'identify_results',
-    'compare': 'identify_results',
-    'postures': 'identify_results',
-    'selftest': 'identify_selftest',
+    'info': 'cli.identify_records',
+    'segment': 'cli.identify_records',
+    'modal': 'cli.identify_modal',
+    'joint': 'cli.identify_joint',
+    'forced': 'cli.identify_forced',
+    'servo': 'cli.identify_servo',
+    'model': 'cli.identify_model',
+    'excite': 'cli.identify_excite',
+    'apply': 'cli.identify_results',
+    'compare': 'cli.identify_results',
+    'postures': 'cli.identify_results',
+    'selftest': 'studies.selftest',
 }
 DEFAULT_ACTION = 'modal'

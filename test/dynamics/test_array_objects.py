@@ -7,17 +7,16 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from strategies import random_state, seeded_robot
 
-from denoc_ros.dynamics import workspace
+from denoc_ros.dynamics import robot_model
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.kernels.array_object import NOWHERE, array_type
 from denoc_ros.kernels.compiled import entry
 from denoc_ros.kernels.handle import GOOD, MISFIT
 from denoc_ros.kernels.inverse import inverse_dynamics
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 Close = Callable[[Array, Array, float], None]
 State = tuple[Array, Array, Array]
 ROBOT = seeded_robot(3)
@@ -89,7 +88,7 @@ def test_kernel_reads_what_it_may_not_write_and_no_more(robot: Robot, state: Sta
 def test_interpreter_without_such_arrays_gets_the_same(
     robot: Robot, state: State, monkeypatch: pytest.MonkeyPatch, close: Close
 ) -> None:
-    monkeypatch.setattr(workspace, 'ARRAY_TYPE', NOWHERE)
+    monkeypatch.setattr(robot_model, 'ARRAY_TYPE', NOWHERE)
     other = load_robot(ROBOT)
     q, qd, _ = state
     assert status(other, *state, np.zeros(other.n)) == MISFIT

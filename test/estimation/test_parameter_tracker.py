@@ -9,12 +9,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from tracked_runs import TrackedRun, follow, resting, simulated, swinging, with_noise
 
 import denoc_ros as dn
-
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 ROBOTS = Path(__file__).resolve().parents[2] / 'config' / 'robots'
 TOOL = 'payload.tool.mass'
@@ -183,7 +181,7 @@ def test_bad_measurements_never_leave_the_bounds(kind: str) -> None:
 
 def test_the_tracked_model_is_the_one_that_is_built() -> None:
     """What is changed live gives the forces of the robot made with overrides."""
-    from denoc_ros.dynamics.live_numbers import LiveNumbers
+    from denoc_ros.dynamics.parameter_columns import LiveNumbers
 
     robot = arm()
     ei = 'beam.link_2.y.ei'
