@@ -252,9 +252,9 @@ class ErrorEstimate:
             self.values[:], self.used[:], self.seen[:] = other.values, other.used, other.seen
             self._covariance, self._unexplained = other._covariance, other._unexplained
 
-    def learns(self, time: float) -> bool:
-        """Say whether a time of the plan [s] is one in which the errors show."""
-        return 0.0 < time < self._end
+    def show(self, time: float) -> bool:
+        """Say whether a time of the plan [s] is one of its motion, in which the errors show."""
+        return 0.0 < time < self._end - AFTER
 
     def doubt(self, time: float) -> None:
         """Learn nothing for a while from a time of the plan [s] on: the torque was not as told."""

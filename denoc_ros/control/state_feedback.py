@@ -323,7 +323,7 @@ class StateFeedback:
         """Take the torque (joints,) [N m, N] that was added to the plan's after all limits."""
         gains = self.schedule.gains[self._at]
         errors, free = self.filter.errors, self.share == 1.0 and not self._governs
-        if errors is not None and errors.learns(self.filter.time):
+        if errors is not None and errors.show(self.filter.time):
             free = False  # the integrals would count what is being learned a second time
         if free and np.abs(change - self._asked).max() <= ROUNDING * self._most.max():
             m = gains.virtual.shape[1]
