@@ -30,7 +30,7 @@ LARGEST = 0.4  # error that is believed
 TRUST = 0.3  # the innovations' spread counts so much: the filter allows for more than is true
 # in its place, where robots have modes beyond the design: what no error explains, and for how
 # long [s] that stays alike, and over which time its size is averaged
-ALIKE, AVERAGED = 0.1, 1.0
+ALIKE, AVERAGED = 0.075, 1.0
 GATE = 4.0  # of the innovations' spread: beyond it something else was at work
 QUIET = 0.3  # s after a pause of the loop in which its trace is not taken for an error's
 DOUBT = 1.0  # standard deviations within which a combination of errors may well be none
