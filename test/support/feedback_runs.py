@@ -108,7 +108,7 @@ def planned_along(
         trajectory.sample(k * PERIOD, q, qd, qdd)
         torque[k] = source.update(q, qd, qdd, PERIOD if k else 0.0)
         rows[:, k] = source.whole_motion()
-    return Planned(robot, trajectory, *rows, torque, effort)
+    return Planned(robot, trajectory, rows[0], rows[1], rows[2], torque, effort)
 
 
 @dataclass
