@@ -103,6 +103,7 @@ class DenocNode(GuardedNode):
         self.monitors: list[InputMonitor] = []
         self._shown: dict[str, Value] = {}
         self._showing = False
+        self._lasting: list[Any] = []  # publishers that configure has not made
         given = {
             key: parameter.value
             for key, parameter in self._parameter_overrides.items()
@@ -268,6 +269,11 @@ class DenocNode(GuardedNode):
         if monitor.reject(error):  # not here: a log that blocks must not block a loop
             self.to_log.append(f'{monitor.topic} rejected ({error.cause}): {error}')
 
+    def forget_stamps(self) -> None:
+        """Accept inputs with any stamp: the next messages may be older than the last ones."""
+        for monitor in self.monitors:
+            monitor.reset()
+
     def add_trigger_service(self, name: str, act: Callable[[], str]) -> None:
         """Offer a Trigger service: `act` returns a message or raises DenocError."""
 
@@ -311,8 +317,7 @@ class DenocNode(GuardedNode):
         """Begin anew: simulated time was set by so many seconds."""
         way = 'back' if by < 0.0 else 'ahead'
         self.to_log.append(f'simulated time was set {way} by {abs(by):.3f} s: all begins anew')
-        for monitor in self.monitors:
-            monitor.reset()
+        self.forget_stamps()
         self.restart()
 
     def restart(self) -> None:
@@ -356,7 +361,7 @@ class DenocNode(GuardedNode):
         """End safely."""
 
     def cleanup(self) -> None:
-        """Drop the products of configure."""
+        """Drop the products of configure, but for its publishers: those are dropped anyway."""
 
     def _transition(self, act: Callable[[], None]) -> TransitionCallbackReturn:
         self.failure = ''
@@ -375,11 +380,15 @@ class DenocNode(GuardedNode):
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Configure; then settle memory so that no collection interrupts the loop."""
-        if not self.owns_process:
-            return self._transition(self.configure)
-        with SIGNALS.interrupting():  # it may compile for a minute
+        self._lasting = list(self.publishers)
+        if self.owns_process:
+            with SIGNALS.interrupting():  # it may compile for a minute
+                result = self._transition(self.configure)
+                self.realtime_options.update(freeze_gc())
+        else:
             result = self._transition(self.configure)
-            self.realtime_options.update(freeze_gc())
+        if result != TransitionCallbackReturn.SUCCESS:
+            self._drop_publishers()
         return result
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -399,7 +408,7 @@ class DenocNode(GuardedNode):
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Clean up."""
-        return self._transition(self.cleanup)
+        return self._transition(self._clean_up)
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Deactivate if active, then clean up."""
@@ -408,9 +417,18 @@ class DenocNode(GuardedNode):
             if state.label == 'active':
                 self.deactivate()
             if state.label != 'unconfigured':  # else there is nothing to drop
-                self.cleanup()
+                self._clean_up()
 
         return self._transition(end)
+
+    def _clean_up(self) -> None:
+        self.cleanup()
+        self._drop_publishers()
+
+    def _drop_publishers(self) -> None:
+        """Destroy the publishers that configure has made; the next one makes them anew."""
+        for publisher in [each for each in self.publishers if each not in self._lasting]:
+            self.destroy_publisher(publisher)
 
     def summary(self) -> str:
         """Describe the node's inputs and outputs in a line, for the log."""
@@ -431,6 +449,11 @@ class DenocNode(GuardedNode):
     def state(self) -> str:
         """Label of the lifecycle state."""
         return str(self._state_machine.current_state[1])
+
+    @property
+    def is_configured(self) -> bool:
+        """Whether there is what configure makes."""
+        return self.state in ('active', 'inactive')
 
     def save(self) -> None:
         """Save the state when the executor hangs: called last, from another thread."""

@@ -46,7 +46,3 @@ class BaseOutput:
         linear.x, linear.y, linear.z = twist[:3].tolist()
         angular.x, angular.y, angular.z = twist[3:].tolist()
         self._publisher.publish(message)
-
-    def close(self, node: DenocNode) -> None:
-        """Destroy the publisher."""
-        node.destroy_publisher(self._publisher)

@@ -50,7 +50,3 @@ class BaseWrench:
         force, torque = message.wrench.force, message.wrench.torque
         force.x, force.y, force.z, torque.x, torque.y, torque.z = wrench.tolist()
         self._publisher.publish(message)
-
-    def close(self, node: DenocNode) -> None:
-        """Destroy the publisher."""
-        node.destroy_publisher(self._publisher)

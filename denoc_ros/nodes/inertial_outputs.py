@@ -43,11 +43,6 @@ class InertialOutputs:
         for output in self._outputs:
             output.send(stamp_ns, values, self._generator)
 
-    def close(self, node: DenocNode) -> None:
-        """Destroy the publishers."""
-        for output in self._outputs:
-            node.destroy_publisher(output.publisher)
-
 
 class _Output:
     """One sensor's topic."""
@@ -72,8 +67,7 @@ class _Output:
             self._message = ImuMessage(sensor.name, gyro, accel)
         else:
             self._message, kind = AccelMessage(sensor.name), AccelStamped
-        self.publisher = node.create_publisher(kind, sensor.topic, STATE)
-        self._publish = raw_publish(self.publisher)
+        self._publish = raw_publish(node.create_publisher(kind, sensor.topic, STATE))
 
     def send(self, stamp_ns: int, values: Array, generator: np.random.Generator) -> None:
         """Publish this sensor's part of all values, with bias and noise."""

@@ -25,7 +25,7 @@ from denoc_ros.types import Array
 class ModelNode(DenocNode):
     """Loads the robot on configure, from a file or from the topic robot_description.
 
-    A node overrides `prepare`: build all that it makes of the robot.
+    A node overrides `prepare`, which builds all that it makes of the robot, and `connect`.
 
     Attributes
     ----------
@@ -50,6 +50,7 @@ class ModelNode(DenocNode):
         self.model: LiveModel | None = None
         self.floating: LiveModel | None = None
         self.description = ''
+        self._connected = False
         self.add_post_set_parameters_callback(self._after_parameters)
         if not self.settings.text('urdf_path'):
             self.ready = False
@@ -72,6 +73,9 @@ class ModelNode(DenocNode):
 
     def prepare(self) -> None:
         """Build from `self.robot` all that the node uses."""
+
+    def connect(self) -> None:
+        """Subscribe and set timers, after the first `prepare` only: they stay."""
 
     def read_model(self, settings: Settings) -> LiveModel:
         """Return the robot of the file or topic, to be changed by overrides.
@@ -164,7 +168,7 @@ class ModelNode(DenocNode):
         ConfigError
             The node is not configured.
         """
-        if self.state not in ('active', 'inactive'):
+        if not self.is_configured:
             raise ConfigError(self.get_name(), [f'the node must be configured {why}'])
 
     def require_coordinates(self, robot: Robot) -> None:
@@ -216,6 +220,9 @@ class ModelNode(DenocNode):
         for warning in self.robot.tree.warnings:
             self.get_logger().warning(warning)
         self.prepare()
+        if not self._connected:
+            self._connected = True
+            self.connect()
 
 
 def check_description(topic: str, text: str) -> None:

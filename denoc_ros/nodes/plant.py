@@ -27,7 +27,7 @@ from denoc_ros.nodes.base import LATCHED, STATE
 from denoc_ros.nodes.base_output import BaseOutput
 from denoc_ros.nodes.inertial_outputs import InertialOutputs
 from denoc_ros.nodes.messages import listeners, raw_publish
-from denoc_ros.nodes.model_node import driven_joints, is_override
+from denoc_ros.nodes.model_node import driven_joints
 from denoc_ros.nodes.process import leave, run
 from denoc_ros.nodes.robot_node import RobotNode
 from denoc_ros.nodes.sensor_outputs import SensorOutputs
@@ -62,7 +62,6 @@ class PlantNode(RobotNode):
     def __init__(self, **options: Any) -> None:
         self.source: TimeSource | None = None
         super().__init__('plant', TABLE, **options)
-        self._connected = False
         self.add_trigger_service('~/reset', self._reset)
         self._commands: deque[tuple[float, Array]] = deque(maxlen=COMMANDS)
         self._command: Array | None = None
@@ -120,13 +119,10 @@ class PlantNode(RobotNode):
         simulated = self._build(robot, settings)
         self._prepare_messages(settings)
         self._use(simulated)
-        self._pending: SimulatedRobot | None = None
-        self._reset_wanted = False
         self._lost_steps = 0
         self._brake = settings.flag('brake')
         self._place()
         self._simulated.tip_deflections(*self._deflection_arrays)
-        self._connect()
         if settings.text('urdf_path'):
             self._description_out.publish(String(data=robot.tree.source))
 
@@ -259,11 +255,8 @@ class PlantNode(RobotNode):
         self.sensors = SensorOutputs(self, robot, noisy, self._generator)
         self.inertial_sensors = InertialOutputs(self, robot, noisy, self._generator)
 
-    def _connect(self) -> None:
-        """Subscribe, once: a node that is configured again keeps its subscriptions."""
-        if self._connected:
-            return
-        self._connected = True
+    def connect(self) -> None:
+        """Subscribe."""
         self.command_input = self.listen_in_loop(
             Float64MultiArray,
             self.settings.text('impedance_command') or self.settings.text('command'),
@@ -276,15 +269,6 @@ class PlantNode(RobotNode):
             self.reference_input = self.listen_in_loop(
                 JointTrajectory, 'reference', self._on_reference, has_many_points
             )
-
-    def cleanup(self) -> None:
-        """Take the publishers down; the next configure makes them for its robot."""
-        for publisher in (self._state_out, self._deflection_out, self._modal_out):
-            self.destroy_publisher(publisher)
-        if self._base_out is not None:
-            self._base_out.close(self)
-        self.sensors.close(self)
-        self.inertial_sensors.close(self)
 
     # ---- inputs
 
@@ -303,20 +287,30 @@ class PlantNode(RobotNode):
 
     def _reset(self) -> str:
         """Go back to the start; the brake holds until the next command."""
-        if self.state in ('active', 'inactive'):
+        if self.is_configured:
             self.follower.forget_begun(self._tick_time)
             self.command_input.reset()
-            self._reset_wanted = True
+            self.between_ticks(self._place)
         return 'back at the start'
 
     def settings_changed(self, settings: Settings, changes: dict[str, Value]) -> None:
-        """Build a changed model or start beside the loop, which takes it with its next tick."""
+        """Take the pace of its own time; build a changed model or start beside the loop."""
         self._set_pace(settings)
-        changed = 'start' in changes or any(map(is_override, changes))
-        if changed and self.state in ('active', 'inactive'):
-            robot = self.changed_robot(settings)
-            self.require_coordinates(robot)
-            self._pending = self._build(robot, settings)
+        super().settings_changed(settings, changes)
+
+    def rebuilds(self, name: str) -> bool:
+        """Say whether a parameter changes the model or where it starts."""
+        return name == 'start' or super().rebuilds(name)
+
+    def take_robot(self, robot: Robot, settings: Settings) -> None:
+        """Build the simulated robot anew; the coordinates must stay."""
+        self.require_coordinates(robot)
+        self.between_ticks(self._swap, self._build(robot, settings))
+
+    def _swap(self, simulated: SimulatedRobot) -> None:
+        """Go on with a changed model where the one before is."""
+        simulated.follow(self._simulated)
+        self._use(simulated)
 
     # ---- loop
 
@@ -340,14 +334,6 @@ class PlantNode(RobotNode):
 
     def tick(self, steps: int) -> None:
         """Advance to now under the effort of the drives, and publish the sensors' readings."""
-        pending = self._pending
-        if pending is not None:
-            self._pending = None
-            pending.follow(self._simulated)
-            self._use(pending)
-        if self._reset_wanted:
-            self._reset_wanted = False
-            self._place()
         if math.isnan(self._began):
             self._began = self._tick_time
         end = self._tick_time + steps * self._simulated.step
@@ -476,11 +462,8 @@ class PlantNode(RobotNode):
 
     # ---- diagnostics
 
-    def statuses(self) -> list[Status]:
-        """Return loop and simulation."""
-        found = super().statuses()
-        if self.state not in ('active', 'inactive'):
-            return found
+    def work_statuses(self) -> list[Status]:
+        """State of the simulation and of its time."""
         braked = self._braked
         status = Status('plant', message='braked' if braked else 'moving')
         status.values = {'lost_steps': self._lost_steps, 'braked': braked}
@@ -489,9 +472,9 @@ class PlantNode(RobotNode):
         if self._lost_steps:
             status.worsen(WARN, f'simulated time is {self._lost_steps} steps behind')
         if self.source is None:
-            return [*found, status]
+            return [status]
         self.fatal = self.fatal or self.source.trouble
-        return [*found, status, self.source.status()]
+        return [status, self.source.status()]
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -20,7 +20,7 @@ from denoc_ros.estimation.observer import Observer
 from denoc_ros.nodes.base import STATE
 from denoc_ros.nodes.base_input import BaseInput
 from denoc_ros.nodes.markers import CentreLines, LineMarkers
-from denoc_ros.nodes.model_node import driven_joints, is_override
+from denoc_ros.nodes.model_node import driven_joints
 from denoc_ros.nodes.predictor_outputs import PredictorOutputs
 from denoc_ros.nodes.process import leave, run
 from denoc_ros.nodes.robot_node import RobotNode
@@ -30,7 +30,7 @@ from denoc_ros.runtime.conversions import JointStateReader
 from denoc_ros.runtime.fusion_status import fusion_status
 from denoc_ros.runtime.live_observer import build_observer, is_observers
 from denoc_ros.runtime.motion_bounds import limits_of, motion_bounds
-from denoc_ros.runtime.parameters import Settings, Value
+from denoc_ros.runtime.parameters import Settings
 from denoc_ros.runtime.predictor_parameters import TABLE
 from denoc_ros.runtime.reference import ReferenceFollower
 from denoc_ros.runtime.stamps import StampOf
@@ -50,12 +50,11 @@ class PredictorNode(RobotNode):
 
     def __init__(self, **options: Any) -> None:
         super().__init__('predictor', TABLE, **options)
-        self._connected = False
         self.sensors = SensorInputs(self)
         self.base = BaseInput(self)
         self.add_trigger_service('~/reset', self._reset)
         self.add_trigger_service('~/tare', self._tare)
-        self.add_trigger_service('~/reload_model', self._reload)
+        self.add_trigger_service('~/reload_model', self.reload)
 
     @property
     def holds_base(self) -> bool:
@@ -79,10 +78,8 @@ class PredictorNode(RobotNode):
         self.base.build(robot.gravity)
         self.observer = self._build(robot, settings)
         self.adaptation = self._adaptation(robot, settings)
-        self._pending: tuple[Robot, Observer, Adaptation] | None = None
         self._model_failures = 0
         self._queue: deque[Measurement] = deque(maxlen=QUEUE)
-        self._reset_wanted = False
         self._stamps = StampClock()
         self._now = float('nan')
         self.bounds = motion_bounds(robot, self.joints, settings)
@@ -108,8 +105,9 @@ class PredictorNode(RobotNode):
         self.sensors.update(robot.tree)
         self._lines = CentreLines(robot.copy())
         self._line_markers = LineMarkers(self.base_frame)
+        if settings.number('marker_rate'):
+            self._markers = self.create_publisher(MarkerArray, '~/markers', STATE)
         self._rehearse()
-        self._connect()
 
     def _build(self, robot: Robot, settings: Settings) -> Observer:
         observer = build_observer(
@@ -132,11 +130,8 @@ class PredictorNode(RobotNode):
         self.robot.beam_sensor_values(zero, zero, zero)
         self._line_markers.encode(self._lines.points(zero), 0)
 
-    def _connect(self) -> None:
-        """Subscribe and set timers, once."""
-        if self._connected:
-            return
-        self._connected = True
+    def connect(self) -> None:
+        """Subscribe and set timers."""
         self.base.connect()
         self.joint_input = self.listen_in_loop(JointState, 'joint_states', self._on_joint_state)
         self.reference_input = self.listen_in_loop(
@@ -146,14 +141,9 @@ class PredictorNode(RobotNode):
             topic = self.settings.text('effort_topic')
             self.effort_input = self.listen_in_loop(JointState, topic, self._on_effort)
         self.create_timer(SEARCH_PERIOD, self._search, clock=self.steady_clock)
-        if rate := self.settings.number('marker_rate'):
-            self._markers = self.create_publisher(MarkerArray, '~/markers', STATE)
-            if not self.clock.is_simulated:  # else in the tick
-                self.create_timer(1.0 / rate, self._draw, clock=self.steady_clock)
-
-    def cleanup(self) -> None:
-        """Take the publishers down; the next configure makes them for its robot."""
-        self.outputs.close()
+        rate = self.settings.number('marker_rate')
+        if rate and not self.clock.is_simulated:  # else in the tick
+            self.create_timer(1.0 / rate, self._draw, clock=self.steady_clock)
 
     # ---- inputs: what is stored here, the tick consumes
 
@@ -215,7 +205,7 @@ class PredictorNode(RobotNode):
             self._now = self.loop.deadline
         else:
             self._now += steps * self.observer.settings.step
-        observer = self._swap()
+        observer = self.observer
         if self.base.trouble(self._now):  # without the base's motion there is no estimate
             self._queue.clear()
             self.sensors.queue.clear()
@@ -296,27 +286,23 @@ class PredictorNode(RobotNode):
         self.follower.clear()
         super().restart()
 
-    def _swap(self) -> Observer:
-        """Take over a changed model between two ticks."""
-        pending = self._pending
-        if pending is not None:
-            self._pending = None
-            robot, observer, adaptation = pending
-            observer.adopt(self.observer)
-            adaptation.adopt(self.adaptation)
-            self.robot, self.observer, self.adaptation = robot, observer, adaptation
-            self._write_pose = robot.pose_of(self.tip)
-            self.sensors.update(robot.tree)
-        if self._reset_wanted:
-            self._reset_wanted = False
-            self.observer.reset()
-            self.adaptation.reset(values=True)
-        return self.observer
+    def _swap(self, robot: Robot, observer: Observer, adaptation: Adaptation) -> None:
+        """Go on with a changed model where the one before is."""
+        observer.adopt(self.observer)
+        adaptation.adopt(self.adaptation)
+        self.robot, self.observer, self.adaptation = robot, observer, adaptation
+        self._write_pose = robot.pose_of(self.tip)
+        self.sensors.update(robot.tree)
+
+    def _start_anew(self) -> None:
+        """Forget the estimate and the numbers found."""
+        self.observer.reset()
+        self.adaptation.reset(values=True)
 
     # ---- beside the loop
 
     def _search(self) -> None:
-        if self.state in ('active', 'inactive'):
+        if self.is_configured:
             self.sensors.search()
 
     def _draw(self) -> None:
@@ -328,12 +314,11 @@ class PredictorNode(RobotNode):
 
     def _reset(self) -> str:
         """Forget state, reference and stamps."""
-        if self.state in ('active', 'inactive'):
+        if self.is_configured:
             self.follower.clear()
             self._stamps.reset()
-            self._reset_wanted = True
-        for monitor in self.monitors:
-            monitor.reset()
+            self.between_ticks(self._start_anew)
+        self.forget_stamps()
         return 'reset: starts from the next joint state'
 
     def _tare(self) -> str:
@@ -347,39 +332,26 @@ class PredictorNode(RobotNode):
             )
         # what was fused so far had the offsets in it
         self.sensors.queue.clear()
-        self._reset_wanted = self.observer.fusion is not None
+        if self.observer.fusion is not None:
+            self.between_ticks(self._start_anew)
         return f'tared: {", ".join(names)}'
 
-    def _reload(self) -> str:
-        """Read the robot again; its coordinates must be the same."""
-        self.require_configured('to reload its model')
-        model = self.read_model(self.settings)
-        robot = self.changed_robot(self.settings, model)
-        self._replace(robot, self.settings)
-        self.bounds.update(limits_of(robot, self.joints))
-        self.adopt_model(model, self.settings)
-        return 'model reloaded'
+    def rebuilds(self, name: str) -> bool:
+        """Say whether a parameter changes the model, the observer or the tracked numbers."""
+        return super().rebuilds(name) or is_observers(name)
 
-    def settings_changed(self, settings: Settings, changes: dict[str, Value]) -> None:
-        """Take changes of the model and of the observer over between two ticks."""
-        if self.state not in ('active', 'inactive'):
-            return
-        if any(is_override(name) or is_observers(name) for name in changes):
-            self._replace(self.changed_robot(settings), settings)
-
-    def _replace(self, robot: Robot, settings: Settings) -> None:
+    def take_robot(self, robot: Robot, settings: Settings) -> None:
+        """Build observer and tracker anew; the coordinates must stay."""
         self.require_coordinates(robot)
-        observer = self._build(robot, settings)
+        observer, adaptation = self._build(robot, settings), self._adaptation(robot, settings)
         self._lines = CentreLines(robot.copy())
-        self._pending = robot, observer, self._adaptation(robot, settings)
+        self.bounds.update(limits_of(robot, self.joints))
+        self.between_ticks(self._swap, robot, observer, adaptation)
 
     # ---- diagnostics
 
-    def statuses(self) -> list[Status]:
-        """Return loop and observer."""
-        found = super().statuses()
-        if self.state not in ('active', 'inactive'):
-            return found
+    def work_statuses(self) -> list[Status]:
+        """State of observer, fusion and tracked numbers."""
         observer = self.observer
         status = Status('observer', message='estimating')
         status.values = {
@@ -397,7 +369,7 @@ class PredictorNode(RobotNode):
             status.worsen(WARN, 'stale joint_states: nothing is published')
         fused = None if observer.fusion is None else fusion_status(observer.fusion, self._now)
         beside = (fused, self.adaptation.status())
-        return [*found, status, *(each for each in beside if each is not None)]
+        return [status, *(each for each in beside if each is not None)]
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -41,7 +41,6 @@ class PredictorOutputs:
     def __init__(
         self, node: DenocNode, coordinates: Sequence[str], names: Sequence[str], base_frame: str
     ) -> None:
-        self._node = node
         self._deflection = JointStateMessage(names, MOTION)
         self._ahead = JointStateMessage(names, MOTION)
         self._modal = JointStateMessage(coordinates, MOTION)
@@ -56,7 +55,7 @@ class PredictorOutputs:
         self._residual = JointStateMessage((), ('position',))
         self._heard: tuple[str, ...] = ()
         self._parameters = JointStateMessage((), ('position', 'effort'))
-        self._publishers: dict[str, Any] = {
+        publishers: dict[str, Any] = {
             topic: node.create_publisher(JointState, f'~/{topic}', STATE)
             for topic in (
                 'tip_deflection',
@@ -66,18 +65,9 @@ class PredictorOutputs:
                 'model_parameters',
             )
         }
-        self._publishers['tip_pose'] = node.create_publisher(PoseStamped, '~/tip_pose', STATE)
-        self._sends = {
-            topic: raw_publish(publisher) for topic, publisher in self._publishers.items()
-        }
-        self._listeners = {
-            topic: listeners(publisher) for topic, publisher in self._publishers.items()
-        }
-
-    def close(self) -> None:
-        """Destroy the publishers."""
-        for publisher in self._publishers.values():
-            self._node.destroy_publisher(publisher)
+        publishers['tip_pose'] = node.create_publisher(PoseStamped, '~/tip_pose', STATE)
+        self._sends = {topic: raw_publish(publisher) for topic, publisher in publishers.items()}
+        self._listeners = {topic: listeners(publisher) for topic, publisher in publishers.items()}
 
     def has_listener(self, topic: str) -> bool:
         """Say whether anybody would receive a message: without listeners it is not computed."""

@@ -9,14 +9,15 @@ from typing import Any
 
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
+from denoc_ros.dynamics.robot import Robot
 from denoc_ros.nodes.guarding import Guard
 from denoc_ros.nodes.inputs import Handler, Input, never_heavy
-from denoc_ros.nodes.model_node import ModelNode
+from denoc_ros.nodes.model_node import ModelNode, is_override
 from denoc_ros.nodes.progress import TickProgress
 from denoc_ros.runtime.conversions import LONGEST
 from denoc_ros.runtime.input_monitor import InputMonitor
 from denoc_ros.runtime.load import SharedCores
-from denoc_ros.runtime.parameters import ParameterTable
+from denoc_ros.runtime.parameters import ParameterTable, Settings, Value
 from denoc_ros.runtime.realtime import lock_memory
 from denoc_ros.runtime.status import ERROR, Status, loop_status, realtime_status
 from denoc_ros.runtime.timing import RealtimeLoop
@@ -38,8 +39,8 @@ class RobotNode(ModelNode):
     The loop takes its inputs itself, at the beginning of a tick: a callback in another thread
     would hold the interpreter just when the loop is due.
 
-    A node overrides `prepare` (build and run once everything that `tick` uses), `tick` and, where
-    it has more to say, `statuses`.
+    A node overrides `prepare` (build and run once everything that `tick` uses), `connect`, `tick`,
+    `take_robot` and, where it has more to say, `work_statuses`.
 
     Attributes
     ----------
@@ -51,6 +52,7 @@ class RobotNode(ModelNode):
         super().__init__(name, table, **options)
         self.loop: RealtimeLoop | None = None
         self._inputs: list[Input] = []
+        self._changes: dict[Callable[..., None], tuple[Any, ...]] = {}
         self._tick_guard = Guard(self.to_log.append)
         self._failing_since = math.inf
         self._overdue = 0
@@ -113,12 +115,50 @@ class RobotNode(ModelNode):
             self._take_inputs()
             if self.progress is not None:
                 self._await_inputs()
+            if self._changes:
+                self._make_changes()
             self.tick(steps)
             self._failing_since = math.inf
         except Exception as error:
             self._on_failure(error, self.clock.now())
         if self.progress is not None:
             self._tell_progress()
+
+    # ---- changes while the loop runs
+
+    def between_ticks(self, change: Callable[..., None], *arguments: Any) -> None:
+        """Have a change made between two ticks; at once where no loop runs.
+
+        Of several calls with the same change that wait, the last one's arguments count.
+        """
+        self._changes[change] = arguments
+        if not self._loop_runs:
+            self._make_changes()
+
+    def _make_changes(self) -> None:
+        for change in list(self._changes):
+            change(*self._changes.pop(change))
+
+    def rebuilds(self, name: str) -> bool:
+        """Say whether a live parameter changes the robot, or what is built of it."""
+        return is_override(name)
+
+    def take_robot(self, robot: Robot, settings: Settings) -> None:
+        """Go on with a changed robot from the next tick on, or refuse it by DenocError."""
+
+    def settings_changed(self, settings: Settings, changes: dict[str, Value]) -> None:
+        """Build what changes beside the loop."""
+        if self.is_configured and any(map(self.rebuilds, changes)):
+            self.take_robot(self.changed_robot(settings), settings)
+
+    def reload(self) -> str:
+        """Read the robot again, as `~/reload_model` asks for."""
+        self.require_configured('to reload its model')
+        model = self.read_model(self.settings)
+        robot = self.changed_robot(self.settings, model)
+        self.take_robot(robot, self.settings)
+        self.adopt_model(model, self.settings)
+        return f'reloaded {robot.tree.name}'
 
     # ---- simulated time
 
@@ -255,6 +295,14 @@ class RobotNode(ModelNode):
         return 1.0 / self.settings.number('update_rate')
 
     def statuses(self) -> list[Status]:
+        """State of the loop, its real-time options, and the node's work."""
+        return [*self._loop_statuses(), *(self.work_statuses() if self.is_configured else [])]
+
+    def work_statuses(self) -> list[Status]:
+        """State of the work of a configured node."""
+        return []
+
+    def _loop_statuses(self) -> list[Status]:
         """State of the loop and its real-time options; a failed loop fails the node."""
         loop = self.loop
         if loop is None:

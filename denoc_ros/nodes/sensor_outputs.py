@@ -59,11 +59,6 @@ class SensorOutputs:
         for topic in self._topics:
             topic.send(stamp_ns, raw)
 
-    def close(self, node: DenocNode) -> None:
-        """Destroy the publishers."""
-        for topic in self._topics:
-            node.destroy_publisher(topic.publisher)
-
 
 class _Topic:
     """One topic: which raw values go where in which message."""
@@ -84,8 +79,7 @@ class _Topic:
         else:
             state = JointStateMessage(names, ('position',))
             self._message, self._values, kind = state, state.position, JointState
-        self.publisher = node.create_publisher(kind, topic, STATE)
-        self._publish = raw_publish(self.publisher)
+        self._publish = raw_publish(node.create_publisher(kind, topic, STATE))
 
     def send(self, stamp_ns: int, raw: Array) -> None:
         self._values[self._to] = raw[self._from]

@@ -49,8 +49,8 @@ class ImpedanceOutput:
         self._message = ImpedanceCommandMessage(joints)
         self._message.values[:, 3] = damping
         qos = EVERY_MESSAGE if node.clock.is_simulated else COMMAND
-        self.publisher = node.create_publisher(Float64MultiArray, '~/impedance_commands', qos)
-        self._publish = raw_publish(self.publisher)
+        publisher = node.create_publisher(Float64MultiArray, '~/impedance_commands', qos)
+        self._publish = raw_publish(publisher)
 
     def send(self, stamp_ns: int, q: Array, qd: Array, torque: Array, is_following: bool) -> None:
         """Publish the commands (joints,) of now."""
@@ -100,18 +100,17 @@ class TorqueOutput:
         self._commands = CommandMessage(joints)
         self._point = TrajectoryPointMessage(joints) if with_point else None
         effort_qos = EVERY_MESSAGE if every_message else STATE
-        self._effort_out = node.create_publisher(JointState, '~/effort', effort_qos)
-        self._effort_listeners = listeners(self._effort_out)
+        effort = node.create_publisher(JointState, '~/effort', effort_qos)
+        self._effort_listeners = listeners(effort)
         # in simulated time none may be lost; in real time an old one is worth nothing
         command_qos = EVERY_MESSAGE if node.clock.is_simulated else COMMAND
-        self._commands_out = node.create_publisher(Float64MultiArray, '~/commands', command_qos)
+        commands = node.create_publisher(Float64MultiArray, '~/commands', command_qos)
         self._point_out = (
             node.create_publisher(JointTrajectory, '~/joint_trajectory', COMMAND)
             if with_point
             else None
         )
-        self._publish_effort = raw_publish(self._effort_out)
-        self._publish_commands = raw_publish(self._commands_out)
+        self._publish_effort, self._publish_commands = raw_publish(effort), raw_publish(commands)
 
     def send(
         self,
@@ -150,10 +149,3 @@ class TorqueOutput:
         message.velocity[:] = qd
         message.effort[:] = torque
         self._publish_effort(message.bytes())
-
-    def close(self, node: DenocNode) -> None:
-        """Destroy the publishers."""
-        gains = None if self._impedance is None else self._impedance.publisher
-        for publisher in (self._effort_out, self._commands_out, self._point_out, gains):
-            if publisher is not None:
-                node.destroy_publisher(publisher)

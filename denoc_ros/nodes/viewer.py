@@ -190,7 +190,7 @@ class ViewerNode(ModelNode):
     def statuses(self) -> list[Status]:
         """State of the page: pictures, browsers, rate."""
         page = self.page
-        if page is None or self.state not in ('active', 'inactive'):
+        if page is None or not self.is_configured:
             return [Status('page', message=self.state)]
         now = time.perf_counter()
         drawn, before = self._drawn, self._drawn_reported

@@ -13,7 +13,6 @@ from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import SolverError, StateError
 from denoc_ros.runtime.parameters import Settings
 from denoc_ros.runtime.rate_limiter import Backoff
-from denoc_ros.runtime.safety import TorqueLimiter
 from denoc_ros.types import Array
 
 SUBSTEPS = 20  # of the model in one tick after a pause
@@ -54,7 +53,7 @@ def torque_feedforward(
 
 
 class LiveTorque:
-    """Torque along a motion; a changed model is built beside the loop and taken between ticks.
+    """Torque along a motion by a model that may be replaced between two ticks.
 
     Parameters
     ----------
@@ -74,29 +73,15 @@ class LiveTorque:
         self.source = source
         self.failures = 0
         self._backoff = Backoff(FAILING_SHARE, LONGEST_WAIT) if in_loop else None
-        self._pending: tuple[TorqueFeedforward, Array] | None = None
-        self._reset_wanted = False
 
-    def replace(self, source: TorqueFeedforward, limits: Array) -> None:
-        """Go on by another model with its effort limits (n,) from the next tick."""
-        self._pending = source, limits
+    def replace(self, source: TorqueFeedforward) -> None:
+        """Go on with another model where the one before is."""
+        source.adopt(self.source)
+        self.source = source
 
-    def request_reset(self) -> None:
-        """Forget the amplitudes before the next tick."""
-        self._reset_wanted = True
-
-    def take(self, limiter: TorqueLimiter) -> None:
-        """Apply the requested change between two ticks."""
-        if self._reset_wanted:
-            self._reset_wanted = False
-            self.source.reset()
-        pending = self._pending
-        if pending is not None:
-            self._pending = None
-            source, limits = pending
-            source.adopt(self.source)
-            self.source = source
-            limiter.take_limits(limits)
+    def reset(self) -> None:
+        """Forget the amplitudes."""
+        self.source.reset()
 
     def update(self, q: Array, qd: Array, qdd: Array, elapsed: float) -> Array | None:
         """Return the torque (n,) of a motion, None while the model fails; as the source's."""

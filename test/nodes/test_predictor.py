@@ -213,7 +213,7 @@ def test_residual_of_a_sensor_is_measured_minus_predicted_and_can_be_tared(
     # a change of the observer does not cost the tare
     (result,) = node.set_parameters([Parameter('cutoff', value=60.0)])
     assert result.successful, result.reason
-    graph.until(lambda: feed() and node._pending is None)
+    graph.until(lambda: feed() and not node._changes)
     residuals.clear()
     graph.until(feed)
     assert abs(residuals[-1].position[0]) < 1e-7
