@@ -12,36 +12,67 @@ from typing import Any
 
 import numpy as np
 import rclpy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.clock import Clock, ClockType
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import QoSProfile
 from std_srvs.srv import Trigger
 
 from denoc_ros.errors import DenocError
-from denoc_ros.nodes.clock_input import ClockInput
-from denoc_ros.nodes.diagnostics import DiagnosticsPublisher, callback_status
-from denoc_ros.nodes.guarded_node import GuardedNode
+from denoc_ros.nodes.guarded_node import Guard, GuardedNode
 from denoc_ros.nodes.inputs import Handler, Input, never_heavy
-from denoc_ros.nodes.messages import wait_until_delivered
+from denoc_ros.nodes.messages import NEWEST, wait_until_delivered
+from denoc_ros.nodes.simulated_time import ClockInput
 from denoc_ros.runtime.clocks import Clock as RobotClock
 from denoc_ros.runtime.clocks import SimulatedClock, SteadyClock
-from denoc_ros.runtime.input_error import InputError
-from denoc_ros.runtime.input_monitor import InputMonitor
-from denoc_ros.runtime.parameter_files import shared_names
-from denoc_ros.runtime.parameters import ParameterTable, Settings, Value
+from denoc_ros.runtime.ending import SIGNALS
+from denoc_ros.runtime.input_monitor import InputError, InputMonitor
+from denoc_ros.runtime.parameters import ParameterTable, Settings, Value, shared_names
 from denoc_ros.runtime.realtime import freeze_gc, make_callbacks_timely
-from denoc_ros.runtime.signals import SIGNALS
-from denoc_ros.runtime.status import Status, clock_status, input_status
+from denoc_ros.runtime.status import WARN, Status, clock_status, input_status
 
-NEWEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-COMMAND = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
-# a second at 1000 Hz for a reader that was away: the transport holds some 500 messages in all
-STATE = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
-EVERY_MESSAGE = QoSProfile(depth=10000, reliability=ReliabilityPolicy.RELIABLE)
-LATCHED = QoSProfile(
-    depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
-)
+
+class DiagnosticsPublisher:
+    """Publishes a node's statuses on /diagnostics."""
+
+    def __init__(self, node: Any) -> None:
+        self._node = node
+        self._publisher = node.create_publisher(DiagnosticArray, '/diagnostics', 10)
+
+    def publish(self, statuses: Sequence[Status]) -> None:
+        """Publish statuses, stamped now."""
+        message = DiagnosticArray()
+        message.header.stamp = self._node.get_clock().now().to_msg()
+        name = self._node.get_fully_qualified_name().lstrip('/')
+        message.status = [_message(name, status) for status in statuses]
+        self._publisher.publish(message)
+
+
+def _message(node: str, status: Status) -> DiagnosticStatus:
+    return DiagnosticStatus(
+        name=f'{node}: {status.name}',
+        level=status.level,
+        message=status.message,
+        hardware_id=node,
+        values=[KeyValue(key=key, value=_shown(value)) for key, value in status.values.items()],
+    )
+
+
+def _shown(value: object) -> str:
+    return f'{value:.6g}' if isinstance(value, float) else str(value)
+
+
+def callback_status(guard: Guard) -> Status:
+    """Return which callbacks failed, and how often; warns of new failures."""
+    status = Status('callbacks', values=dict(sorted(guard.failures.items())))
+    failed = guard.failures.total()
+    if failed > guard.reported:
+        status.worsen(WARN, guard.last)
+    guard.reported = failed
+    return status
+
+
 POLL_PERIOD = 0.02  # s of wall time between looks at a clock that no loop waits for
 # parameters that rclpy itself declares
 SIMULATED = 'use_sim_time'

@@ -16,29 +16,31 @@ from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import ConfigError
 from denoc_ros.estimation.clock import StampClock
 from denoc_ros.model.overrides import FAMILIES
-from denoc_ros.nodes.base import EVERY_MESSAGE
-from denoc_ros.nodes.base_input import BaseInput
-from denoc_ros.nodes.base_wrench import BaseWrench
-from denoc_ros.nodes.model_node import driven_joints
+from denoc_ros.nodes.messages import EVERY_MESSAGE
 from denoc_ros.nodes.process import leave, run
-from denoc_ros.nodes.robot_node import RobotNode
-from denoc_ros.nodes.torque_feedback import TorqueFeedback
-from denoc_ros.nodes.torque_output import ImpedanceOutput, TorqueOutput
-from denoc_ros.runtime.carrying import CarryingTorque
+from denoc_ros.nodes.robot_node import RobotNode, driven_joints
+from denoc_ros.nodes.sensor_inputs import BaseInput
+from denoc_ros.nodes.torque import BaseWrench, ImpedanceOutput, TorqueFeedback, TorqueOutput
+from denoc_ros.runtime.clocks import StampOf
 from denoc_ros.runtime.conversions import JointStateReader
 from denoc_ros.runtime.feedforward_parameters import TABLE
-from denoc_ros.runtime.following import STALE_JOINTS, FollowingConditions
-from denoc_ros.runtime.input_error import InputError
-from denoc_ros.runtime.input_monitor import InputMonitor
-from denoc_ros.runtime.live_torque import LiveTorque, torque_feedforward
+from denoc_ros.runtime.input_monitor import InputError, InputMonitor
 from denoc_ros.runtime.motion_bounds import limits_of, motion_bounds
 from denoc_ros.runtime.parameters import Settings, Value
-from denoc_ros.runtime.phase_lock import PLACE, PhaseLock
 from denoc_ros.runtime.reference import FiniteDifferencer, ReferenceFollower
-from denoc_ros.runtime.safety import SafeCommand, TorqueLimiter, torque_limits
-from denoc_ros.runtime.stamps import StampOf
 from denoc_ros.runtime.status import Status
-from denoc_ros.runtime.torque_status import TorqueStatus
+from denoc_ros.runtime.timing import PLACE, PhaseLock
+from denoc_ros.runtime.torque import (
+    STALE_JOINTS,
+    CarryingTorque,
+    FollowingConditions,
+    LiveTorque,
+    SafeCommand,
+    TorqueLimiter,
+    TorqueStatus,
+    torque_feedforward,
+    torque_limits,
+)
 from denoc_ros.runtime.trajectory_messages import has_many_points, read_trajectory
 from denoc_ros.types import Array
 

@@ -12,10 +12,8 @@ from rclpy.qos import QoSProfile
 from trajectory_msgs.msg import JointTrajectory
 
 from denoc_ros.bags.cdr import CdrError, CdrReader
-from denoc_ros.runtime.active_publishers import ActivePublishers
 from denoc_ros.runtime.clocks import Clock
-from denoc_ros.runtime.input_error import MOST_JOINTS, InputError
-from denoc_ros.runtime.input_monitor import InputMonitor
+from denoc_ros.runtime.input_monitor import MOST_JOINTS, ActivePublishers, InputError, InputMonitor
 
 HELD = 4  # heavy messages that wait; more of them in so short a time are a flood
 TAKE_TIME = 2e-3  # s of a processor for the messages of one take; then the newest only

@@ -6,9 +6,10 @@ import math
 import time
 from collections import deque
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from nav_msgs.msg import Odometry
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, String
 from trajectory_msgs.msg import JointTrajectory
@@ -23,27 +24,60 @@ from denoc_ros.errors import ConfigError
 from denoc_ros.model.mjcf import SEGMENTS
 from denoc_ros.model.overrides import with_overrides
 from denoc_ros.model.plant_description import PlantDescription
-from denoc_ros.nodes.base import LATCHED, STATE
-from denoc_ros.nodes.base_output import BaseOutput
-from denoc_ros.nodes.inertial_outputs import InertialOutputs
-from denoc_ros.nodes.messages import listeners, raw_publish
-from denoc_ros.nodes.model_node import driven_joints
+from denoc_ros.nodes.messages import LATCHED, STATE, listeners, quaternion, raw_publish
 from denoc_ros.nodes.process import leave, run
-from denoc_ros.nodes.robot_node import RobotNode
-from denoc_ros.nodes.sensor_outputs import SensorOutputs
-from denoc_ros.nodes.time_source import TimeSource
+from denoc_ros.nodes.robot_node import RobotNode, driven_joints
+from denoc_ros.nodes.sensor_outputs import InertialOutputs, SensorOutputs
+from denoc_ros.nodes.simulated_time import TimeSource
 from denoc_ros.runtime.clocks import Clock as RobotClock
+from denoc_ros.runtime.clocks import StampOf
 from denoc_ros.runtime.conversions import CommandReader
-from denoc_ros.runtime.input_error import InputError
+from denoc_ros.runtime.input_monitor import InputError
 from denoc_ros.runtime.motion_bounds import motion_bounds
 from denoc_ros.runtime.parameters import Settings, Value
 from denoc_ros.runtime.plant_parameters import TABLE
 from denoc_ros.runtime.reference import ReferenceFollower
-from denoc_ros.runtime.stamps import StampOf
 from denoc_ros.runtime.status import ERROR, WARN, Status
 from denoc_ros.runtime.trajectory_messages import has_many_points, read_trajectory
 from denoc_ros.simulation.simulated_robot import Drives, ModalRobot, SimulatedRobot
 from denoc_ros.types import Array
+
+if TYPE_CHECKING:
+    from denoc_ros.nodes.base import DenocNode
+
+
+class BaseOutput:
+    """Publishes pose and twist of a floating base.
+
+    Parameters
+    ----------
+    node : DenocNode
+    robot : Robot
+        With a floating base.
+    """
+
+    def __init__(self, node: DenocNode, robot: Robot) -> None:
+        (body,) = (body for body in robot.tree.bodies if body.floating)
+        self._message = Odometry()
+        root = next(f for f, place in robot.tree.frames.items() if place.body < 0)
+        self._message.header.frame_id = root
+        self._message.child_frame_id = body.name
+        self._publisher = node.create_publisher(Odometry, 'base_motion', STATE)
+
+    def send(self, stamp_ns: int, robot: Robot, q: Array, qd: Array) -> None:
+        """Publish the base's motion at a state; the twist is along the base's own axes."""
+        pose, twist = robot.base_odometry(q, qd)
+        message = self._message
+        stamp = message.header.stamp
+        stamp.sec, stamp.nanosec = divmod(stamp_ns, 1_000_000_000)
+        place, turned = message.pose.pose.position, message.pose.pose.orientation
+        place.x, place.y, place.z = pose[:3, 3].tolist()
+        turned.x, turned.y, turned.z, turned.w = quaternion(pose[:3, :3]).tolist()
+        linear, angular = message.twist.twist.linear, message.twist.twist.angular
+        linear.x, linear.y, linear.z = twist[:3].tolist()
+        angular.x, angular.y, angular.z = twist[3:].tolist()
+        self._publisher.publish(message)
+
 
 CATCH_UP = 50  # steps that a tick after a pause of the machine takes in any case
 CATCH_UP_TIME = 0.02  # s of a processor for more of them; what is left is time lost

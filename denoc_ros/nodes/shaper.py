@@ -22,13 +22,17 @@ from denoc_ros.control.servo import joint_servo
 from denoc_ros.dynamics.feedforward import TorqueFeedforward
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import ConfigError, DenocError
-from denoc_ros.nodes.messages import TrajectoryPointMessage, exact_bytes
-from denoc_ros.nodes.model_node import driven_joints
-from denoc_ros.nodes.motion_messages import planned_message, unshaped_message
+from denoc_ros.nodes.messages import (
+    TrajectoryPointMessage,
+    exact_bytes,
+    planned_message,
+    unshaped_message,
+)
 from denoc_ros.nodes.process import leave, run
-from denoc_ros.nodes.robot_node import RobotNode
+from denoc_ros.nodes.robot_node import RobotNode, driven_joints
+from denoc_ros.runtime.clocks import StampOf
 from denoc_ros.runtime.conversions import JointStateReader
-from denoc_ros.runtime.input_error import InputError
+from denoc_ros.runtime.input_monitor import InputError
 from denoc_ros.runtime.motion_bounds import motion_bounds
 from denoc_ros.runtime.motion_planning import (
     MotionPlanning,
@@ -39,14 +43,13 @@ from denoc_ros.runtime.motion_planning import (
     servo_columns,
     shape_job,
 )
-from denoc_ros.runtime.motion_samples import RequestedMotion
 from denoc_ros.runtime.parameters import Settings, Value
 from denoc_ros.runtime.planner import Answer
 from denoc_ros.runtime.shaped_stream import ShapedStream
 from denoc_ros.runtime.shaper_parameters import OF_STREAMS, TABLE
-from denoc_ros.runtime.stamps import StampOf
 from denoc_ros.runtime.status import ERROR, WARN, Status
 from denoc_ros.runtime.trajectory_messages import (
+    RequestedMotion,
     TrajectoryMessage,
     has_many_points,
     read_trajectory,

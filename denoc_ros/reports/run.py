@@ -33,7 +33,7 @@ from denoc_ros.reports.run_files import (
 )
 from denoc_ros.reports.summary import time_in_words
 from denoc_ros.simulation.bag import write_run
-from denoc_ros.simulation.run import Run
+from denoc_ros.simulation.simulate import Run
 
 NOTED = ('time', 'beams', 'failure')  # of a session, in the numbers of its run
 

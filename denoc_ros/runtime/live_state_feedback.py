@@ -19,12 +19,12 @@ from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import ConfigError, StateError
 from denoc_ros.estimation.clock import StampClock
 from denoc_ros.model.overrides import FAMILIES
-from denoc_ros.runtime.feedback_parameters import SETTINGS
-from denoc_ros.runtime.following import STALE_JOINTS
+from denoc_ros.runtime.feedforward_parameters import SETTINGS
 from denoc_ros.runtime.gain_worker import FeedbackModel, GainWorker, WantedGains
 from denoc_ros.runtime.parameters import Settings
 from denoc_ros.runtime.reference import ReferenceFollower
 from denoc_ros.runtime.status import ERROR, WARN, Status
+from denoc_ros.runtime.torque import STALE_JOINTS
 from denoc_ros.types import Array
 
 TURN = 0.1  # rad or m that a streamed reference may move before its gains are made anew

@@ -165,3 +165,23 @@ def _schedule(thread: int, priority: int) -> None:
     # once set, only who may set priorities can take the reset off again
     policy = (os.SCHED_FIFO if priority > 0 else os.SCHED_OTHER) | os.SCHED_RESET_ON_FORK
     os.sched_setscheduler(thread, policy, os.sched_param(priority))
+
+
+LARGE = 262_144  # bytes: far more than a tick allocates
+MMAP_THRESHOLD = -3  # as <malloc.h> has it
+CHOSEN = 'MALLOC_MMAP_THRESHOLD_'  # glibc's environment variable for the same
+
+
+def return_large_pieces() -> bool:
+    """Have the C library map pieces of 256 KiB and more on their own; say whether it will.
+
+    It does not where the user has set a size, and where it is not glibc.
+
+    glibc maps large pieces of memory one by one, but raises the size from which it does so with
+    each such piece that is freed, up to 32 MB. Later pieces come from the heap, among small ones
+    that live long: a process keeps the memory of large messages, and more of it with each burst.
+    """
+    adjust = getattr(ctypes.CDLL(None), 'mallopt', None)
+    if adjust is None or CHOSEN in os.environ:
+        return False
+    return bool(adjust(MMAP_THRESHOLD, LARGE))

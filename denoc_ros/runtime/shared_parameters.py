@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from denoc_ros.runtime.load import SHARE
 from denoc_ros.runtime.parameters import Kind, Parameter
+from denoc_ros.runtime.timing import LOAD_SHARE
 
 # what parameter `base_motion` may be
 SOURCES = ('off', 'odometry', 'odometry_accel', 'accel', 'imu')
@@ -103,7 +103,7 @@ def loop_parameters() -> tuple[Parameter, ...]:
         Parameter(
             'diagnostics.threshold.load',
             Kind.DOUBLE,
-            SHARE,
+            LOAD_SHARE,
             'share of a core that the loop takes, of a period after which half of its ticks end, '
             'or of the cores that all real-time threads fill: above it the loop warns, and gives '
             'up its priority until the machine carries it again',

@@ -25,7 +25,7 @@ from denoc_ros.nodes.messages import (
 )
 from denoc_ros.nodes.sensor_inputs import read_joint_state
 from denoc_ros.runtime.conversions import CommandReader, JointStateReader, MessageReader
-from denoc_ros.runtime.input_error import InputError
+from denoc_ros.runtime.input_monitor import InputError
 from denoc_ros.runtime.trajectory_messages import has_many_points, read_trajectory
 
 pytestmark = pytest.mark.ros

@@ -1,9 +1,18 @@
-"""Sockets instead of shared memory, so that no other process can hold up a node that publishes.
+"""Fast DDS as the nodes use it: sockets, and buffers that go back to the system once read.
 
 Fast DDS sends to processes of the same machine through queues in shared memory, with locks that
 sender and receiver share. A receiver that is stopped, killed or just joins holds them, and the
 sender's `publish` waits: seconds were measured (docs/trust.md). Sockets have no such locks, and
 cost the same processor time.
+
+rmw_fastrtps has Fast DDS keep received messages: each place of a history keeps the largest that
+it ever held, so that a node grows with the largest messages, by up to their size times the depth
+of each topic. Fast DDS also has the policy DYNAMIC, which allocates for each message what it takes
+and frees it; only a profile can ask for it.
+
+A reliable reader learns what it has lost from the writer's heartbeat, by default every 3 s. Until
+then it has nothing that came after the lost one, and a node that ends does not know whether its
+last messages arrived. The same profile has a heartbeat every 0.1 s.
 """
 
 from __future__ import annotations
@@ -67,3 +76,28 @@ def _localhost(environment: MutableMapping[str, str]) -> bool:
     if environment.get(ONLY):
         return environment[ONLY] == '1'
     return environment.get(RANGE) == 'LOCALHOST'
+
+
+BUFFERS = Path(__file__).with_name('buffers.xml')
+FROM_PROFILES = 'RMW_FASTRTPS_USE_QOS_FROM_XML'
+
+
+def release_buffers(
+    environment: MutableMapping[str, str] = os.environ, middleware: str | None = None
+) -> None:
+    """Have this process's endpoints use the profile, unless the user has profiles.
+
+    Call it after `use_sockets`, whose profile says the same.
+
+    Parameters
+    ----------
+    environment, middleware
+        As of `use_sockets`.
+    """
+    if not is_fast_dds(middleware) or FROM_PROFILES in environment:
+        return
+    if environment.get(PROFILES) != str(LOCALHOST):
+        if has_profiles(environment):
+            return
+        environment[PROFILES] = str(BUFFERS)
+    environment[FROM_PROFILES] = '1'
