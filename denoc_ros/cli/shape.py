@@ -29,8 +29,8 @@ from denoc_ros.reports.provenance import named_file, provenance
 from denoc_ros.reports.run_files import EARTH
 from denoc_ros.reports.shape import page
 from denoc_ros.reports.shape_comparison import compare
+from denoc_ros.runtime.shaper_parameters import METHODS
 
-METHODS = ('tip', 'zv', 'zvd', 'ei', 'rest_to_rest')
 BASES = ('free_floating', 'free_flying')
 TIP_ONLY = ('joints', 'stretch', 'preaction', 'postaction', 'turn', 'step')
 NUMBERS = {

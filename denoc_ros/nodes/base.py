@@ -28,9 +28,10 @@ from denoc_ros.runtime.clocks import Clock as RobotClock
 from denoc_ros.runtime.clocks import SimulatedClock, SteadyClock
 from denoc_ros.runtime.ending import SIGNALS
 from denoc_ros.runtime.input_monitor import InputError, InputMonitor
-from denoc_ros.runtime.parameters import ParameterTable, Settings, Value, shared_names
+from denoc_ros.runtime.parameters import ParameterTable, Settings, shared_names
 from denoc_ros.runtime.realtime import freeze_gc, make_callbacks_timely
 from denoc_ros.runtime.status import WARN, Status, clock_status, input_status
+from denoc_ros.settings import Value
 
 
 class DiagnosticsPublisher:

@@ -26,7 +26,7 @@ from denoc_ros.runtime.conversions import JointStateReader
 from denoc_ros.runtime.feedforward_parameters import TABLE
 from denoc_ros.runtime.input_monitor import InputError, InputMonitor
 from denoc_ros.runtime.motion_bounds import limits_of, motion_bounds
-from denoc_ros.runtime.parameters import Settings, Value
+from denoc_ros.runtime.parameters import Settings
 from denoc_ros.runtime.reference import FiniteDifferencer, ReferenceFollower
 from denoc_ros.runtime.status import Status
 from denoc_ros.runtime.timing import PLACE, PhaseLock
@@ -42,6 +42,7 @@ from denoc_ros.runtime.torque import (
     torque_limits,
 )
 from denoc_ros.runtime.trajectory_messages import has_many_points, read_trajectory
+from denoc_ros.settings import Value
 from denoc_ros.types import Array
 
 FINAL_COMMANDS = 5  # sent at the end, in case a reader misses some

@@ -34,11 +34,12 @@ from denoc_ros.runtime.clocks import StampOf
 from denoc_ros.runtime.conversions import CommandReader
 from denoc_ros.runtime.input_monitor import InputError
 from denoc_ros.runtime.motion_bounds import motion_bounds
-from denoc_ros.runtime.parameters import Settings, Value
+from denoc_ros.runtime.parameters import Settings
 from denoc_ros.runtime.plant_parameters import TABLE
 from denoc_ros.runtime.reference import ReferenceFollower
 from denoc_ros.runtime.status import ERROR, WARN, Status
 from denoc_ros.runtime.trajectory_messages import has_many_points, read_trajectory
+from denoc_ros.settings import Value
 from denoc_ros.simulation.simulated_robot import Drives, ModalRobot, SimulatedRobot
 from denoc_ros.types import Array
 

@@ -25,10 +25,11 @@ from denoc_ros.nodes.simulated_time import TickProgress
 from denoc_ros.runtime.conversions import LONGEST
 from denoc_ros.runtime.input_monitor import InputError, InputMonitor
 from denoc_ros.runtime.live_model import LiveModel
-from denoc_ros.runtime.parameters import ParameterTable, Settings, Value
+from denoc_ros.runtime.parameters import ParameterTable, Settings
 from denoc_ros.runtime.realtime import lock_memory
 from denoc_ros.runtime.status import ERROR, Status, loop_status, realtime_status
 from denoc_ros.runtime.timing import RealtimeLoop, SharedCores
+from denoc_ros.settings import Value
 from denoc_ros.types import Array
 
 
@@ -397,14 +398,14 @@ class RobotNode(ModelNode):
             change(*self._changes.pop(change))
 
     def rebuilds(self, name: str) -> bool:
-        """Say whether a live parameter changes the robot, or what is built of it."""
+        """Say whether a live parameter takes a changed robot."""
         return is_override(name)
 
     def take_robot(self, robot: Robot, settings: Settings) -> None:
         """Go on with a changed robot from the next tick on, or refuse it by DenocError."""
 
     def settings_changed(self, settings: Settings, changes: dict[str, Value]) -> None:
-        """Build what changes beside the loop."""
+        """Take a changed robot, built beside the loop."""
         if self.is_configured and any(map(self.rebuilds, changes)):
             self.take_robot(self.changed_robot(settings), settings)
 

@@ -43,7 +43,7 @@ from denoc_ros.runtime.motion_planning import (
     servo_columns,
     shape_job,
 )
-from denoc_ros.runtime.parameters import Settings, Value
+from denoc_ros.runtime.parameters import Settings
 from denoc_ros.runtime.planner import Answer
 from denoc_ros.runtime.shaped_stream import ShapedStream
 from denoc_ros.runtime.shaper_parameters import OF_STREAMS, TABLE
@@ -54,6 +54,7 @@ from denoc_ros.runtime.trajectory_messages import (
     has_many_points,
     read_trajectory,
 )
+from denoc_ros.settings import Value
 from denoc_ros.trajectories import SplineTrajectory
 from denoc_ros.types import Array
 

@@ -6,7 +6,7 @@ import math
 
 from denoc_ros.control.feedback_settings import FeedbackSettings
 from denoc_ros.dynamics.feedforward import MODELS
-from denoc_ros.runtime.parameters import Kind, Parameter, ParameterTable
+from denoc_ros.runtime.parameters import ParameterTable, SettingsParameters
 from denoc_ros.runtime.shared_parameters import (
     EXTRA_JOINTS,
     base_parameters,
@@ -17,24 +17,17 @@ from denoc_ros.runtime.shared_parameters import (
     robot_parameters,
 )
 from denoc_ros.runtime.torque import STALE_ACTIONS
+from denoc_ros.settings import Kind, Parameter, declared
 
-STATES = ('off', 'lqr')
-DELAY = 1.5  # periods: sampling, transport and half a hold
-# rows that say how a setting of the state feedback is called, and what it is
-SETTINGS = (
-    ('tip_error', 'position error of the tip that is weighted like `effort_share`', 'm'),
-    ('tip_turn', 'rotation error of the tip with the same weight', 'rad'),
-    ('joint_error', "joint error with the same weight, in addition to the tip's", 'rad, m'),
-    ('effort_share', 'share of the effort limits with the same weight as these errors', ''),
-    ('model_error', "assumed error of the model's torques and elastic forces, as a share", ''),
-    ('position_noise', 'standard deviation of measured joint positions', 'rad, m'),
-    ('velocity_noise', 'standard deviation of measured joint velocities', 'rad/s, m/s'),
-    (
-        'sensor_timeout',
-        "longest time without a good value of every sensor; then the plan and the joints' own "
-        'feedback alone',
-        's',
-    ),
+FEEDBACK = SettingsParameters(
+    FeedbackSettings,
+    {
+        name: f'feedback.{"state_limit" if name == "limit" else name}'
+        for name in declared(FeedbackSettings)
+        if name not in ('period', 'tip', 'delay')
+    },
+    {'sensor_delay': (0.0, 0.05)},
+    'state feedback: ',
 )
 
 
@@ -44,7 +37,6 @@ def feedback_parameters() -> tuple[Parameter, ...]:
 
 
 def _state_parameters() -> tuple[Parameter, ...]:
-    defaults = {name: getattr(FeedbackSettings, name) for name, *_ in SETTINGS}
     return (
         Parameter(
             'feedback.state',
@@ -53,71 +45,28 @@ def _state_parameters() -> tuple[Parameter, ...]:
             'lqr: torque against the deviation of all coordinates from the plan, estimated '
             'from joints and sensors; refused unless stable with stiffness and load 20 % off, and '
             'with other modes of the links',
-            choices=STATES,
+            choices=('off', 'lqr'),
             live=True,
         ),
         Parameter(
-            'feedback.tip', Kind.STRING, '', 'frame to keep on the plan; empty: the last',
-            live=True,
-        ),
-        *(
-            Parameter(
-                f'feedback.{name}', Kind.DOUBLE, defaults[name], f'state feedback: {text}', unit,
-                positive=True, live=True,
-            )
-            for name, text, unit in SETTINGS
-        ),
-        Parameter(
-            'feedback.integral_time',
-            Kind.DOUBLE,
-            FeedbackSettings.integral_time,
-            'state feedback: time after which the integral of a constant error doubles the '
-            'torque; 0: no integral',
-            's',
-            0.0,
-            live=True,
-        ),
-        Parameter(
-            'feedback.joint_bandwidth',
-            Kind.DOUBLE,
-            FeedbackSettings.joint_bandwidth,
-            "state feedback: bandwidth of each joint's own feedback, which goes on while sensors "
-            'are silent or wrong; lowered where it is not stable; 0: none',
-            'Hz',
-            0.0,
+            'feedback.tip',
+            Kind.STRING,
+            '',
+            'frame to keep on the plan; empty: the last',
             live=True,
         ),
         Parameter(
             'feedback.delay',
             Kind.DOUBLE,
-            DELAY,
+            1.5,  # sampling, transport and half a hold
             'state feedback: delay from a measurement to the torque that responds to it',
             'periods',
             0.0,
             50.0,
             live=True,
         ),
-        Parameter(
-            'feedback.sensor_delay',
-            Kind.DOUBLE,
-            0.0,
-            "state feedback: delay of the sensors' values after the joints'",
-            's',
-            0.0,
-            0.05,
-            live=True,
-        ),
-        Parameter(
-            'feedback.state_limit',
-            Kind.DOUBLE,
-            FeedbackSettings.limit,
-            'largest torque of the state feedback, as a share of the effort limit',
-            '',
-            maximum=1.0,
-            positive=True,
-            live=True,
-        ),
-    )  # fmt: skip
+        *FEEDBACK.rows(),
+    )
 
 
 def _strain_parameters() -> tuple[Parameter, ...]:

@@ -3,31 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import fields
 
 import numpy as np
 
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import ConfigError
-from denoc_ros.estimation.fusion import FusionSettings, StrainFusion
+from denoc_ros.estimation.fusion import StrainFusion
 from denoc_ros.estimation.observer import Observer
-from denoc_ros.estimation.observer_settings import ObserverSettings
 from denoc_ros.estimation.parameter_tracker import SILENT, ParameterTracker
 from denoc_ros.estimation.tracked_model import BaseAt
 from denoc_ros.estimation.tracked_paths import tracked_paths
 from denoc_ros.estimation.tracker_settings import TrackerSettings
 from denoc_ros.runtime.parameters import Settings
+from denoc_ros.runtime.predictor_parameters import FUSION, OBSERVER, TRACKER
 from denoc_ros.runtime.status import WARN, Status
 from denoc_ros.types import Array
-
-OBSERVER_SETTINGS = (
-    'horizon',
-    'horizon_steps',
-    'cutoff',
-    'correction_cutoff',
-    'joint_state_timeout',
-)
-FUSION_SETTINGS = tuple(field.name for field in fields(FusionSettings))
 
 
 def build_observer(
@@ -55,16 +45,13 @@ def build_observer(
     fuse = settings.text('strain') == 'fuse'
     observer = Observer(
         robot,
-        ObserverSettings(
+        OBSERVER.read(
+            settings,
             step=period,
             source=settings.text('source'),
-            cutoff=settings.number('cutoff'),
-            correction_cutoff=settings.number('correction_cutoff'),
-            horizon=settings.number('horizon'),
-            horizon_steps=settings.integer('horizon_steps'),
             max_age=settings.number('joint_state_timeout'),
             motor_effort=settings.text('effort_source') == 'commanded',
-            fusion=FusionSettings(**_fusion(settings)) if fuse else None,
+            fusion=FUSION.read(settings) if fuse else None,
         ),
         joints,
         posture,
@@ -85,11 +72,8 @@ def build_observer(
 
 def is_observers(name: str) -> bool:
     """Say whether a live parameter belongs to the observer or to its tracker of numbers."""
-    return name in OBSERVER_SETTINGS or name.startswith(('fusion.', 'adapt'))
-
-
-def _fusion(settings: Settings) -> dict[str, float]:
-    return {name: settings.number(f'fusion.{name}') for name in FUSION_SETTINGS}
+    known = name in OBSERVER or name == 'joint_state_timeout'
+    return known or name.startswith(('fusion.', 'adapt'))
 
 
 LONGEST_LAG = 0.1  # s that sensors' values may come late
@@ -140,7 +124,7 @@ class Adaptation:
             return
         try:
             paths = tracked_paths(robot, patterns)
-            how = robot, paths, _settings(settings), _bounds(settings, paths), joints
+            how = robot, paths, _tracker_settings(settings), _bounds(settings, paths), joints
             _rehearse(ParameterTracker(*how), len(joints), len(robot.tree.sensors))
             self.tracker = ParameterTracker(*how)
         except ConfigError as error:
@@ -222,13 +206,8 @@ def _rehearse(tracker: ParameterTracker, joints: int, sensors: int) -> None:
         tracker.measure(k * settings.step, still, still, still)
 
 
-def _settings(settings: Settings) -> TrackerSettings:
-    return TrackerSettings(
-        rate=settings.number('adapt_rate'),
-        memory=settings.number('adapt_memory'),
-        model_error=settings.number('adapt_error'),
-        lag=min(settings.number('joint_state_timeout'), LONGEST_LAG),
-    )
+def _tracker_settings(settings: Settings) -> TrackerSettings:
+    return TRACKER.read(settings, lag=min(settings.number('joint_state_timeout'), LONGEST_LAG))
 
 
 def _bounds(settings: Settings, paths: Sequence[str]) -> Bounds:

@@ -6,7 +6,7 @@ import math
 
 from denoc_ros.model.plant_description import LIMITS
 from denoc_ros.model.shapes import SHAPES
-from denoc_ros.runtime.parameters import Kind, Parameter, ParameterTable
+from denoc_ros.runtime.parameters import ParameterTable
 from denoc_ros.runtime.shared_parameters import (
     lifecycle_parameters,
     loop_parameters,
@@ -14,6 +14,7 @@ from denoc_ros.runtime.shared_parameters import (
     range_parameters,
     robot_parameters,
 )
+from denoc_ros.settings import Kind, Parameter
 
 TABLE = ParameterTable(
     [

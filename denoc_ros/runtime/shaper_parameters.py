@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from denoc_ros.runtime.parameters import Kind, Parameter, ParameterTable
+from denoc_ros.control import impulses
+from denoc_ros.runtime.parameters import ParameterTable
 from denoc_ros.runtime.shared_parameters import (
     lifecycle_parameters,
     loop_parameters,
@@ -10,9 +11,10 @@ from denoc_ros.runtime.shared_parameters import (
     range_parameters,
     robot_parameters,
 )
+from denoc_ros.settings import Kind, Parameter
 
-METHODS = ('tip', 'zv', 'zvd', 'ei', 'rest_to_rest')
-OF_STREAMS = ('zv', 'zvd', 'ei')
+OF_STREAMS = impulses.METHODS
+METHODS = ('tip', *OF_STREAMS, 'rest_to_rest')
 
 TABLE = ParameterTable(
     [

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from denoc_ros.runtime.parameters import Kind, Parameter
 from denoc_ros.runtime.timing import LOAD_SHARE
+from denoc_ros.settings import Kind, Parameter
 
 # what parameter `base_motion` may be
 SOURCES = ('off', 'odometry', 'odometry_accel', 'accel', 'imu')

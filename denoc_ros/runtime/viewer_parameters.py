@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from denoc_ros.runtime.parameters import Kind, Parameter, ParameterTable
+from denoc_ros.runtime.parameters import ParameterTable
 from denoc_ros.runtime.shared_parameters import (
     lifecycle_parameters,
     publishers_parameter,
     robot_parameters,
 )
+from denoc_ros.settings import Kind, Parameter
 
 TABLE = ParameterTable(
     [

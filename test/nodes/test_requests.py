@@ -25,9 +25,10 @@ from denoc_ros.nodes.base import DenocNode
 from denoc_ros.nodes.feedforward import FeedforwardNode
 from denoc_ros.nodes.messages import LATCHED
 from denoc_ros.nodes.robot_node import ModelNode
-from denoc_ros.runtime.parameters import Kind, ParameterTable
-from denoc_ros.runtime.parameters import Parameter as Row
+from denoc_ros.runtime.parameters import ParameterTable
 from denoc_ros.runtime.shared_parameters import lifecycle_parameters, robot_parameters
+from denoc_ros.settings import Kind
+from denoc_ros.settings import Parameter as Row
 
 pytestmark = pytest.mark.ros
 
