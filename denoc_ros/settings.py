@@ -164,28 +164,34 @@ def _is_sequence(value: object) -> bool:
     return isinstance(value, Iterable) and not isinstance(value, str | bytes | Mapping)
 
 
-def setting(
+def parameter(
+    name: str,
     default: Any,
     text: str,
     unit: str = '',
     minimum: float = -math.inf,
     maximum: float = math.inf,
     **more: Any,
-) -> Any:
-    """Declare a field of a class of settings.
+) -> Parameter:
+    """Return a row; the kind of a single value is that of its default.
 
     Parameters
     ----------
-    default : bool, int, float, str or type
+    name, text, unit, minimum, maximum, **more
+        Of :class:`Parameter`.
+    default : value or type
         A type where there is no default.
-    text, unit, minimum, maximum, **more
-        Of its :class:`Parameter`.
     """
     is_needed = isinstance(default, type)
-    kind = KINDS[default if is_needed else type(default)]
+    kind = more.pop('kind', None) or KINDS[default if is_needed else type(default)]
     known = None if is_needed else default
-    row = Parameter('', kind, known, text, unit, minimum, maximum, **more)
-    return field(default=MISSING if is_needed else default, metadata={ROW: row})
+    return Parameter(name, kind, known, text, unit, minimum, maximum, **more)
+
+
+def setting(default: Any, *given: Any, **more: Any) -> Any:
+    """Declare a field of a class of settings, by the arguments of :func:`parameter`."""
+    row = parameter('', default, *given, **more)
+    return field(default=MISSING if row.default is None else default, metadata={ROW: row})
 
 
 def declared(kind: type) -> dict[str, Parameter]:

@@ -17,7 +17,7 @@ from denoc_ros.runtime.shared_parameters import (
     range_parameters,
     robot_parameters,
 )
-from denoc_ros.settings import Kind, Parameter, declared
+from denoc_ros.settings import Kind, declared, parameter
 
 FUSION = SettingsParameters(
     FusionSettings,
@@ -44,31 +44,28 @@ TABLE = ParameterTable(
         *input_parameters(),
         *base_parameters(),
         *range_parameters(),
-        Parameter(
+        parameter(
             'joints',
-            Kind.STRINGS,
             [],
             'measured joints; the others stay at 0; empty: all but mimic joints',
+            kind=Kind.STRINGS,
         ),
         EXTRA_JOINTS,
         replace(SOURCE, name='source'),
-        Parameter(
+        parameter(
             'effort_source',
-            Kind.STRING,
             'measured',
             'effort for `source: torque` and `adapt`: measured (joint_states) or commanded '
             '(`effort_topic`)',
             choices=('measured', 'commanded'),
         ),
-        Parameter(
+        parameter(
             'effort_topic',
-            Kind.STRING,
             'feedforward/effort',
             'topic of the commanded effort',
         ),
-        Parameter(
+        parameter(
             'strain',
-            Kind.STRING,
             'ignore',
             'ignore: sensors appear only in `~/sensor_residual`; fuse: they correct the '
             'amplitudes',
@@ -76,17 +73,16 @@ TABLE = ParameterTable(
         ),
         *FUSION.rows(),
         *OBSERVER.rows(),
-        Parameter(
+        parameter(
             'adapt',
-            Kind.STRINGS,
             [],
             'numbers of the model that are tracked by effort and sensors: dotted paths, with `*` '
             'for any text, such as `payload.tool.mass` or `beam.*.ei`; empty: off',
             live=True,
+            kind=Kind.STRINGS,
         ),
-        Parameter(
+        parameter(
             'adapt_bounds',
-            Kind.DOUBLES,
             [],
             'lowest and highest value of each number of `adapt`, in its order; empty: half to one '
             'and a half of the present values',
@@ -94,17 +90,16 @@ TABLE = ParameterTable(
             0.0,
             1e12,
             live=True,
+            kind=Kind.DOUBLES,
         ),
         *TRACKER.rows(),
-        Parameter(
+        parameter(
             'tip_frame',
-            Kind.STRING,
             '',
             'link whose pose is `~/tip_pose`; empty: the last link of the file',
         ),
-        Parameter(
+        parameter(
             'marker_rate',
-            Kind.DOUBLE,
             20.0,
             'rate of `~/markers` while it has subscribers; 0 = off',
             'Hz',
