@@ -19,7 +19,7 @@ from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from rclpy.qos import QoSProfile
 from std_srvs.srv import Trigger
 
-from denoc_ros.errors import DenocError
+from denoc_ros.errors import ConfigError, DenocError
 from denoc_ros.nodes.guarded_node import Guard, GuardedNode
 from denoc_ros.nodes.inputs import Handler, Input, never_heavy
 from denoc_ros.nodes.messages import NEWEST, wait_until_delivered
@@ -251,6 +251,10 @@ class DenocNode(GuardedNode):
 
     def settings_changed(self, settings: Settings, changes: dict[str, Value]) -> None:
         """Take live changes before they are stored; may refuse by DenocError or ValueError."""
+
+    def config_error(self, finding: str) -> ConfigError:
+        """Return the error of a parameter that does not suit, under the node's full name."""
+        return ConfigError(self.get_fully_qualified_name(), [finding])
 
     # ---- inputs
 

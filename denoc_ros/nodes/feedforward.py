@@ -13,12 +13,11 @@ from trajectory_msgs.msg import JointTrajectory
 
 from denoc_ros.dynamics.feedforward import TorqueFeedforward
 from denoc_ros.dynamics.robot import Robot
-from denoc_ros.errors import ConfigError
 from denoc_ros.estimation.clock import StampClock
 from denoc_ros.model.overrides import FAMILIES
 from denoc_ros.nodes.messages import EVERY_MESSAGE
 from denoc_ros.nodes.process import leave, run
-from denoc_ros.nodes.robot_node import RobotNode, driven_joints
+from denoc_ros.nodes.robot_node import RobotNode
 from denoc_ros.nodes.sensor_inputs import BaseInput
 from denoc_ros.nodes.torque import BaseWrench, ImpedanceOutput, TorqueFeedback, TorqueOutput
 from denoc_ros.runtime.clocks import StampOf
@@ -77,14 +76,14 @@ class FeedforwardNode(RobotNode):
 
     def prepare(self) -> None:
         """Build the torque, its guards, and all messages; run each once."""
-        settings, name = self.settings, self.get_fully_qualified_name()
+        settings = self.settings
         self.require_twist()
-        self.joints = driven_joints(self.robot, settings.texts('joints'), name)
+        self.joints = self.driven_joints(settings)
         n = len(self.joints)
         try:
             limits = torque_limits(self.robot, self.joints, settings)
         except ValueError as error:
-            raise ConfigError(name, [str(error)]) from error
+            raise self.config_error(str(error)) from error
         self.limiter = TorqueLimiter(limits, settings.number('max_delta_tau'))
         for joint, limit in zip(self.joints, limits, strict=True):
             if limit == 0.0:
@@ -130,18 +129,14 @@ class FeedforwardNode(RobotNode):
 
     def _impedance(self, settings: Settings) -> ImpedanceOutput | None:
         """Return what sends the gains of drives, None where no stiffness is given."""
-        gains = [settings.numbers(f'impedance.{what}') for what in ('stiffness', 'damping')]
-        n, name = len(self.joints), self.get_fully_qualified_name()
-        if not gains[0]:
-            if any(gains[1]):
+        if not settings.numbers('impedance.stiffness'):
+            if any(settings.numbers('impedance.damping')):
                 rule = "parameter 'impedance.stiffness' must be given beside 'impedance.damping'"
-                raise ConfigError(name, [f'{rule}, got none'])
+                raise self.config_error(f'{rule}, got none')
             return None
-        for what, values in zip(('stiffness', 'damping'), gains, strict=True):
-            if len(values) not in (1, n):
-                rule = f"parameter 'impedance.{what}' must have 1 or {n} elements"
-                raise ConfigError(name, [f'{rule}, got {len(values)}'])
-        stiffness, damping = (np.broadcast_to(values, n) for values in gains)
+        stiffness, damping = (
+            self.per_joint(f'impedance.{what}', settings) for what in ('stiffness', 'damping')
+        )
         ramp_time = settings.number('ramp_time')
         return ImpedanceOutput(self, self.joints, stiffness, damping, ramp_time)
 
@@ -191,7 +186,7 @@ class FeedforwardNode(RobotNode):
         source = self.settings.text('base_motion')
         if self.drifts and source not in TWISTS:
             rule = f"must be one of {', '.join(TWISTS)} where 'base' is drifting, got {source!r}"
-            raise ConfigError(self.get_fully_qualified_name(), [f"parameter 'base_motion' {rule}"])
+            raise self.config_error(f"parameter 'base_motion' {rule}")
 
     def floating_robot(self, settings: Settings) -> Robot | None:
         """Return the robot whose base would float, if thrusters hold it."""
@@ -264,19 +259,11 @@ class FeedforwardNode(RobotNode):
                 "reference must be single points for now while 'trigger' is message, "
                 f'got {len(message.times)} points',
             )
-        take = self.reference_input.accept
         if not self.by_message:
-            measured = self._reader.position if self.joint_input.received else None
-            self.follower.offer(
-                message,
-                now,
-                self.stamp_ns_at(now),
-                measured,
-                # stamp 0 starts now, whatever was sent before
-                lambda: take(message.stamp_ns or None, now),
-            )
+            there = self._reader.position if self.joint_input.received else None
+            self.offer(self.follower, message, self.reference_input, now, there)
             return
-        take(message.stamp_ns, now)
+        self.reference_input.accept(message.stamp_ns, now)
         point = self.stream.complete(1e-9 * message.stamp_ns, *message.first)
         self._answer(message.stamp_ns, *point)
 

@@ -20,13 +20,12 @@ from denoc_ros.dynamics.driven_motion import DrivenMotion, driven_motion
 from denoc_ros.dynamics.equilibrium import Equilibrium
 from denoc_ros.dynamics.measured_side import MeasuredStates
 from denoc_ros.dynamics.robot import Robot
-from denoc_ros.errors import ConfigError
 from denoc_ros.model.mjcf import SEGMENTS
 from denoc_ros.model.overrides import with_overrides
 from denoc_ros.model.plant_description import PlantDescription
 from denoc_ros.nodes.messages import LATCHED, STATE, listeners, quaternion, raw_publish
 from denoc_ros.nodes.process import leave, run
-from denoc_ros.nodes.robot_node import RobotNode, driven_joints
+from denoc_ros.nodes.robot_node import RobotNode
 from denoc_ros.nodes.sensor_outputs import InertialOutputs, SensorOutputs
 from denoc_ros.nodes.simulated_time import TimeSource
 from denoc_ros.runtime.clocks import Clock as RobotClock
@@ -109,7 +108,7 @@ class PlantNode(RobotNode):
             return super().make_clock()
         if settings.text('clock') == 'lockstep' and not partners:
             rule = "parameter 'lockstep.partners' must name nodes where 'clock' is lockstep"
-            raise ConfigError(self.get_fully_qualified_name(), [f'{rule}, got none'])
+            raise self.config_error(f'{rule}, got none')
         if settings.text('clock') == 'publish':
             partners = []
         self.source = TimeSource(
@@ -135,9 +134,7 @@ class PlantNode(RobotNode):
         if settings.text('engine') == 'mujoco':
             if modes or shape:
                 rule = "parameters 'modes' and 'shape' must be 0 and '' where 'engine' is mujoco"
-                raise ConfigError(
-                    self.get_fully_qualified_name(), [f'{rule}, got {modes} and {shape!r}']
-                )
+                raise self.config_error(f'{rule}, got {modes} and {shape!r}')
             return robot
         plant = PlantDescription(modes, shape, settings.integer('segments'))
         return robot.with_overrides(plant.overrides(robot.tree)) if plant else robot
@@ -145,8 +142,7 @@ class PlantNode(RobotNode):
     def prepare(self) -> None:
         """Build stepper, start, drives and all messages; run each once."""
         settings, robot = self.settings, self.robot
-        name = self.get_fully_qualified_name()
-        self.joints = driven_joints(robot, settings.texts('joints'), name)
+        self.joints = self.driven_joints(settings)
         self._drives = np.array([robot.joint_names.index(joint) for joint in self.joints])
         self._index = np.ascontiguousarray(robot.joint_indices[self._drives])
         self._tau = np.zeros(robot.n)
@@ -168,10 +164,9 @@ class PlantNode(RobotNode):
         drives = Drives(motion.given, self._index, self._kp, self._kd)
         if settings.text('engine') == 'mujoco':
             return self._in_mujoco(robot, settings, start, drives)
-        name = self.get_fully_qualified_name()
         if scene := settings.text('scene'):
             rule = "parameter 'scene' must be empty where 'engine' is denoc, which touches nothing"
-            raise ConfigError(name, [f'{rule}, got {scene!r}'])
+            raise self.config_error(f'{rule}, got {scene!r}')
         return ModalRobot(robot, self.period, start, drives)
 
     def _in_mujoco(
@@ -181,7 +176,7 @@ class PlantNode(RobotNode):
 
         if not settings.flag('geometric_stiffness'):
             rule = "parameter 'geometric_stiffness' must be true where 'engine' is mujoco"
-            raise ConfigError(self.get_fully_qualified_name(), [f'{rule}, got false'])
+            raise self.config_error(f'{rule}, got false')
         assert self.model is not None
         payloads = self.model.plain(settings.family('payload'))
         tree = with_overrides(robot.tree, payloads) if payloads else robot.tree
@@ -213,12 +208,12 @@ class PlantNode(RobotNode):
 
     def _start(self, motion: DrivenMotion, settings: Settings) -> Array:
         """Return the state (n,) to start from."""
-        name, count = self.get_fully_qualified_name(), len(self.joints)
+        count = len(self.joints)
         q: Array = motion.posture.copy()
         given = settings.numbers('start') or q[motion.index].tolist()
         if len(given) != count:
             rule = f"parameter 'start' must have {count} elements"
-            raise ConfigError(name, [f'{rule}, got {len(given)}'])
+            raise self.config_error(f'{rule}, got {len(given)}')
         motion.positions(q, np.array(given))
         free = np.union1d(motion.bound, motion.robot.flexible_indices)
         falls = len(motion.robot.base_indices) > 0  # freely: nothing has a weight
@@ -229,10 +224,7 @@ class PlantNode(RobotNode):
     def _prepare_drives(self, settings: Settings) -> None:
         """Read gains and limits; make the readers of commands and reference."""
         count = len(self.joints)
-        self._kp, self._kd = (
-            self._per_joint(f'feedback.{key}', settings.numbers(f'feedback.{key}'))
-            for key in ('kp', 'kd')
-        )
+        self._kp, self._kd = (self.per_joint(f'feedback.{key}', settings) for key in ('kp', 'kd'))
         self._has_feedback = bool(self._kp.any() or self._kd.any())
         limits = {
             body.joint.name: body.joint.limits.effort
@@ -248,15 +240,6 @@ class PlantNode(RobotNode):
         self.follower = ReferenceFollower(count, REFERENCE_GAP, self.bounds)
         self._wanted, self._wanted_rate, self._wanted_acceleration = np.zeros((3, count))
         self.effort = np.zeros(count)
-
-    def _per_joint(self, name: str, values: list[float]) -> Array:
-        count = len(self.joints)
-        if len(values) not in (1, count):
-            raise ConfigError(
-                self.get_fully_qualified_name(),
-                [f"parameter '{name}' must have 1 or {count} elements, got {len(values)}"],
-            )
-        return np.array(values * count if len(values) == 1 else values)
 
     def _prepare_messages(self, settings: Settings) -> None:
         robot = self.robot
@@ -314,11 +297,7 @@ class PlantNode(RobotNode):
 
     def _on_reference(self, raw: bytes, now: float) -> None:
         message = read_trajectory(raw, self.joints, self.bounds, partial=True)
-        take, stamp_ns = self.reference_input.accept, message.stamp_ns or None  # 0 starts now
-        there = self.q[self._index]
-        self.follower.offer(
-            message, now, self.stamp_ns_at(now), there, lambda: take(stamp_ns, now)
-        )
+        self.offer(self.follower, message, self.reference_input, now, self.q[self._index])
 
     def _reset(self) -> str:
         """Go back to the start; the brake holds until the next command."""

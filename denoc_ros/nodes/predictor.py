@@ -27,7 +27,7 @@ from denoc_ros.nodes.base import DenocNode
 from denoc_ros.nodes.markers import CentreLines, LineMarkers
 from denoc_ros.nodes.messages import STATE, PoseMessage, listeners, raw_publish
 from denoc_ros.nodes.process import leave, run
-from denoc_ros.nodes.robot_node import RobotNode, driven_joints
+from denoc_ros.nodes.robot_node import RobotNode
 from denoc_ros.nodes.sensor_inputs import SEARCH_PERIOD, BaseInput, SensorInputs
 from denoc_ros.runtime.clocks import StampOf
 from denoc_ros.runtime.conversions import JointStateReader
@@ -168,14 +168,12 @@ class PredictorNode(RobotNode):
     def prepare(self) -> None:
         """Build observer, inputs and messages; run everything of the tick once."""
         settings, robot = self.settings, self.robot
-        name = self.get_fully_qualified_name()
-        self.joints = driven_joints(robot, settings.texts('joints'), name)
+        self.joints = self.driven_joints(settings)
         frames = list(robot.tree.frames)
         self.tip = settings.text('tip_frame') or frames[-1]
         if self.tip not in frames:
-            raise ConfigError(
-                name,
-                [f"parameter 'tip_frame' must be one of {', '.join(frames)}, got {self.tip!r}"],
+            raise self.config_error(
+                f"parameter 'tip_frame' must be one of {', '.join(frames)}, got {self.tip!r}"
             )
         self.base.build(robot.gravity)
         self.observer = self._build(robot, settings)
@@ -269,11 +267,8 @@ class PredictorNode(RobotNode):
 
     def _on_reference(self, raw: bytes, now: float) -> None:
         message = read_trajectory(raw, self.joints, self.bounds, partial=True)
-        take, stamp_ns = self.reference_input.accept, message.stamp_ns or None  # 0 starts now
-        measured = self._reader.position if self.joint_input.received else None
-        self.follower.offer(
-            message, now, self.stamp_ns_at(now), measured, lambda: take(stamp_ns, now)
-        )
+        there = self._reader.position if self.joint_input.received else None
+        self.offer(self.follower, message, self.reference_input, now, there)
 
     def _reference(self, t: float) -> tuple[Array, Array, Array]:
         """Reference of the joints at steady time `t`."""

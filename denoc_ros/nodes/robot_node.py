@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,6 @@ from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.errors import ConfigError, ModelError
 from denoc_ros.model.held_base import with_held_base
 from denoc_ros.model.overrides import FAMILIES
-from denoc_ros.model.source import is_text, parse_xml
 from denoc_ros.nodes.base import DenocNode
 from denoc_ros.nodes.guarded_node import Guard
 from denoc_ros.nodes.inputs import Handler, Input, never_heavy
@@ -24,11 +24,13 @@ from denoc_ros.nodes.messages import LATCHED
 from denoc_ros.nodes.simulated_time import TickProgress
 from denoc_ros.runtime.conversions import LONGEST
 from denoc_ros.runtime.input_monitor import InputError, InputMonitor
-from denoc_ros.runtime.live_model import LiveModel
+from denoc_ros.runtime.live_model import LiveModel, check_description
 from denoc_ros.runtime.parameters import ParameterTable, Settings
 from denoc_ros.runtime.realtime import lock_memory
+from denoc_ros.runtime.reference import ReferenceFollower
 from denoc_ros.runtime.status import ERROR, Status, loop_status, realtime_status
 from denoc_ros.runtime.timing import RealtimeLoop, SharedCores
+from denoc_ros.runtime.trajectory_messages import TrajectoryMessage
 from denoc_ros.settings import Value
 from denoc_ros.types import Array
 
@@ -102,11 +104,11 @@ class ModelNode(DenocNode):
         gravity = settings.numbers('gravity')
         name = self.get_fully_qualified_name()
         if not source:
-            raise ConfigError(
-                name, ["parameter 'urdf_path' or the topic robot_description must give the robot"]
+            raise self.config_error(
+                "parameter 'urdf_path' or the topic robot_description must give the robot"
             )
         if len(gravity) != 3:
-            raise ConfigError(name, [f"parameter 'gravity' must have 3 elements, got {gravity}"])
+            raise self.config_error(f"parameter 'gravity' must have 3 elements, got {gravity}")
         options: dict[str, Any] = {
             'gravity': tuple(gravity),
             'geometric_stiffness': settings.flag('geometric_stiffness'),
@@ -160,16 +162,34 @@ class ModelNode(DenocNode):
         given = settings.numbers('posture')
         count = len(robot.joint_names)
         if given and len(given) != count:
-            raise ConfigError(
-                self.get_fully_qualified_name(),
-                [
-                    f"parameter 'posture' must have an element for each of the {count} joints "
-                    f'{list(robot.joint_names)}, got {len(given)}'
-                ],
+            raise self.config_error(
+                f"parameter 'posture' must have an element for each of the {count} joints "
+                f'{list(robot.joint_names)}, got {len(given)}'
             )
         q = np.zeros(robot.n)
         q[robot.joint_indices] = given or 0.0
         return q
+
+    def driven_joints(self, settings: Settings) -> list[str]:
+        """Return the joints that the node works on: those given, else all that are not mimics.
+
+        Raises
+        ------
+        ConfigError
+            A given one is not the robot's, repeated or a mimic joint; none is given for a robot
+            with loops.
+        """
+        given, tree = settings.texts('joints'), self.robot.tree
+        if tree.loops and not given:
+            rule = "parameter 'joints' must name the driven joints of a robot with loops"
+            names = list(self.robot.joint_names)
+            raise self.config_error(f'{rule}, some of {names}, got none')
+        free = list(tree.non_mimic_joints)
+        if not set(given) <= set(free) or len(set(given)) != len(given):
+            raise self.config_error(
+                f"parameter 'joints' must name different joints of {free}, got {given}"
+            )
+        return given or free
 
     def require_configured(self, why: str) -> None:
         """Refuse a request that needs a robot while there is none.
@@ -191,10 +211,8 @@ class ModelNode(DenocNode):
             With the coordinates it has.
         """
         if tuple(robot.coordinate_names) != tuple(self.robot.coordinate_names):
-            raise ConfigError(
-                self.get_fully_qualified_name(),
-                [f'the robot must keep its coordinates, got {list(robot.coordinate_names)}'],
-            )
+            got = list(robot.coordinate_names)
+            raise self.config_error(f'the robot must keep its coordinates, got {got}')
 
     def require_joints(self, robot: Robot) -> None:
         """Refuse a changed robot that has other joints.
@@ -236,48 +254,9 @@ class ModelNode(DenocNode):
             self.connect()
 
 
-def check_description(topic: str, text: str) -> None:
-    """Refuse text that is not a description: a path from a topic is never opened.
-
-    Raises
-    ------
-    InputError
-        Cause `format`: the text is not the XML of a `<robot>`.
-    """
-    if not is_text(text):
-        got = f'{len(text)} characters that begin with {text[:20]!r}'
-        raise InputError('format', f'{topic} must be the XML of a <robot>, got {got}')
-    try:
-        parse_xml(topic, text)
-    except ModelError as error:
-        raise InputError('format', str(error)) from error
-
-
 def is_override(name: str) -> bool:
     """Say whether a parameter changes the model."""
     return name.split('.')[0] in FAMILIES and '.' in name
-
-
-def driven_joints(robot: Robot, given: Sequence[str], where: str) -> list[str]:
-    """Return the joints a node works on: those `given`, else all that are not mimics.
-
-    Raises
-    ------
-    ConfigError
-        A given one is not the robot's, repeated or a mimic joint; none is given for a robot with
-        loops.
-    """
-    if robot.tree.loops and not given:
-        rule = "parameter 'joints' must name the driven joints of a robot with loops"
-        raise ConfigError(where, [f'{rule}, some of {list(robot.joint_names)}, got none'])
-    free = list(robot.tree.non_mimic_joints)
-    wrong = [name for name in given if name not in free]
-    if wrong or len(set(given)) != len(given):
-        raise ConfigError(
-            where,
-            [f"parameter 'joints' must name different joints of {free}, got {list(given)}"],
-        )
-    return list(given) or free
 
 
 # what a flood at 10 kHz brings between two ticks at 1 kHz, and some more
@@ -302,9 +281,13 @@ class RobotNode(ModelNode):
 
     Attributes
     ----------
+    joints : list of str
+        That it works on.
     loop : RealtimeLoop or None
         The loop while active.
     """
+
+    joints: list[str]
 
     def __init__(self, name: str, table: ParameterTable, **options: Any) -> None:
         super().__init__(name, table, **options)
@@ -381,6 +364,36 @@ class RobotNode(ModelNode):
             self._on_failure(error, self.clock.now())
         if self.progress is not None:
             self._tell_progress()
+
+    def offer(
+        self,
+        follower: ReferenceFollower,
+        message: TrajectoryMessage,
+        monitor: InputMonitor,
+        now: float,
+        there: Array | None,
+    ) -> None:
+        """Have a follower take a reference that came at a time, or refuse it by InputError.
+
+        `there` (n,) is where the joints are, None where nobody knows.
+        """
+        stamp_ns = message.stamp_ns or None  # 0 starts now, whatever was sent before
+        accept = partial(monitor.accept, stamp_ns, now)
+        follower.offer(message, now, self.stamp_ns_at(now), there, accept)
+
+    def per_joint(self, name: str, settings: Settings) -> Array:
+        """Return a parameter of each driven joint (n,), given as one value or one per joint.
+
+        Raises
+        ------
+        ConfigError
+            It has another number of elements.
+        """
+        values, count = settings.numbers(name), len(self.joints)
+        if len(values) not in (1, count):
+            rule = f"parameter '{name}' must have 1 or {count} elements"
+            raise self.config_error(f'{rule}, got {len(values)}')
+        return np.broadcast_to(np.array(values), count).copy()
 
     # ---- changes while the loop runs
 

@@ -21,7 +21,7 @@ from denoc_ros.control.ringing import RingingModes, ringing_modes, ringing_robot
 from denoc_ros.control.servo import joint_servo
 from denoc_ros.dynamics.feedforward import TorqueFeedforward
 from denoc_ros.dynamics.robot import Robot
-from denoc_ros.errors import ConfigError, DenocError
+from denoc_ros.errors import DenocError
 from denoc_ros.nodes.messages import (
     TrajectoryPointMessage,
     exact_bytes,
@@ -29,7 +29,7 @@ from denoc_ros.nodes.messages import (
     unshaped_message,
 )
 from denoc_ros.nodes.process import leave, run
-from denoc_ros.nodes.robot_node import RobotNode, driven_joints
+from denoc_ros.nodes.robot_node import RobotNode
 from denoc_ros.runtime.clocks import StampOf
 from denoc_ros.runtime.conversions import JointStateReader
 from denoc_ros.runtime.input_monitor import InputError
@@ -125,8 +125,7 @@ class ShaperNode(RobotNode):
     def prepare(self) -> None:
         """Build the shaper of streams and start the planner; run each once."""
         settings, robot = self.settings, self.robot
-        name = self.get_fully_qualified_name()
-        self.joints = driven_joints(robot, settings.texts('joints'), name)
+        self.joints = self.driven_joints(settings)
         self._table = mode_table(settings)
         self._check(settings)
         n = len(self.joints)
@@ -145,7 +144,7 @@ class ShaperNode(RobotNode):
         self._load(LOADING_PATIENCE)
         if self.planning.load_error:
             rule = f'the planner must load the robot, got: {self.planning.load_error}'
-            raise ConfigError(name, [rule])
+            raise self.config_error(rule)
 
     def connect(self) -> None:
         """Subscribe."""
@@ -165,7 +164,7 @@ class ShaperNode(RobotNode):
         try:
             check_planning(self.robot, self.joints, settings, self._table)
         except DenocError as error:
-            raise ConfigError(self.get_fully_qualified_name(), [str(error)]) from error
+            raise self.config_error(str(error)) from error
 
     def _modes(self, driven: Array, settings: Settings) -> RingingModes:
         robot = self._modes_robot
@@ -268,13 +267,7 @@ class ShaperNode(RobotNode):
             self.stream.begin(method, modes, start, servo)
             self._carried = self._stopped_at = None
             self._said['streams'] += 1
-        self.stream.follower.offer(
-            message,
-            now,
-            self.stamp_ns_at(now),
-            self.stream.last,
-            lambda: self.input.accept(message.stamp_ns or None, now),
-        )
+        self.offer(self.stream.follower, message, self.input, now, self.stream.last)
 
     def _drop(self) -> None:
         """Forget planned and streamed motions; published ones go on."""

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 
 from sensor_msgs.msg import JointState
 
-from denoc_ros.errors import ConfigError
 from denoc_ros.nodes.base import DenocNode
 from denoc_ros.nodes.guarded_node import WithoutEvents
 from denoc_ros.nodes.inputs import Input
@@ -167,9 +166,8 @@ class ViewerNode(ModelNode):
         others = settings.text('effort_topic'), settings.text('residual_topic')
         topics = [self.resolve_topic_name(name) for name in (*states, *others) if name]
         if not states or len(set(topics)) < len(topics):
-            raise ConfigError(
-                self.get_fully_qualified_name(),
-                [f"parameter 'state_topics' must name topics different from all, got {topics}"],
+            raise self.config_error(
+                f"parameter 'state_topics' must name topics different from all, got {topics}"
             )
         self.snapshots = LiveSnapshots(
             robot, posture, states, *others, settings.number('timeout'), self.clock.now
@@ -189,8 +187,7 @@ class ViewerNode(ModelNode):
         try:
             from denoc_ros.viewer.page import LOOPBACK, Page
         except ImportError as error:
-            name = self.get_fully_qualified_name()
-            raise ConfigError(name, [NO_VISER.format(error)]) from error
+            raise self.config_error(NO_VISER.format(error)) from error
         settings = self.settings
         path, host = settings.text('urdf_path'), settings.text('host')
         self.exposed = '' if host in LOOPBACK else EXPOSED.format(host)

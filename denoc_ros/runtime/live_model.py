@@ -7,10 +7,12 @@ from dataclasses import replace
 from typing import Any, TypeVar
 
 from denoc_ros.dynamics.robot import Robot
-from denoc_ros.errors import ConfigError, StateError
+from denoc_ros.errors import ConfigError, ModelError, StateError
 from denoc_ros.model.override_values import Values, override_values
 from denoc_ros.model.overrides import damping_names, payloads_of, plain_paths
+from denoc_ros.model.source import is_text, parse_xml
 from denoc_ros.model.tree import Tree
+from denoc_ros.runtime.input_monitor import InputError
 
 PAYLOAD = 'payload.'
 Given = TypeVar('Given')
@@ -92,3 +94,20 @@ def _changed_values(before: Tree, tree: Tree) -> Values:
     pairs = zip(before.bodies, tree.bodies, strict=True)
     changed = tuple(new for old, new in pairs if new is not old)
     return override_values(replace(tree, bodies=changed))
+
+
+def check_description(topic: str, text: str) -> None:
+    """Refuse text that is not a description: a path from a topic is never opened.
+
+    Raises
+    ------
+    InputError
+        Cause `format`: the text is not the XML of a `<robot>`.
+    """
+    if not is_text(text):
+        got = f'{len(text)} characters that begin with {text[:20]!r}'
+        raise InputError('format', f'{topic} must be the XML of a <robot>, got {got}')
+    try:
+        parse_xml(topic, text)
+    except ModelError as error:
+        raise InputError('format', str(error)) from error
