@@ -33,6 +33,11 @@ from denoc_ros.runtime.realtime import freeze_gc, make_callbacks_timely
 from denoc_ros.runtime.status import WARN, Status, clock_status, input_status
 from denoc_ros.settings import Value
 
+POLL_PERIOD = 0.02  # s of wall time between looks at a clock that no loop waits for
+# parameters that rclpy itself declares
+SIMULATED = 'use_sim_time'
+FOREIGN = (SIMULATED, 'start_type_description_service', 'qos_overrides.')
+
 
 class DiagnosticsPublisher:
     """Publishes a node's statuses on /diagnostics."""
@@ -72,12 +77,6 @@ def callback_status(guard: Guard) -> Status:
         status.worsen(WARN, guard.last)
     guard.reported = failed
     return status
-
-
-POLL_PERIOD = 0.02  # s of wall time between looks at a clock that no loop waits for
-# parameters that rclpy itself declares
-SIMULATED = 'use_sim_time'
-FOREIGN = (SIMULATED, 'start_type_description_service', 'qos_overrides.')
 
 
 class DenocNode(GuardedNode):

@@ -274,7 +274,8 @@ class FeedforwardNode(RobotNode):
         if trouble := self.base.trouble(self.clock.now()):
             self._cause = trouble
             return
-        self._move_base(self.clock.now())
+        if self.base.used:
+            self._move_base(self.clock.now())
         before, self._message_time = self._message_time, stamp_ns
         elapsed = 0.0 if before is None else 1e-9 * (stamp_ns - before)
         torque = self.torque.update(q, qd, qdd, elapsed)
@@ -331,7 +332,8 @@ class FeedforwardNode(RobotNode):
             if self.phase is not None:
                 self.loop.shift = self.phase.shift(self._tick_time)
         now = self.clock.now()
-        self._move_base(self._tick_time + self.conditions.lead)
+        if self.base.used:
+            self._move_base(self._tick_time + self.conditions.lead)
         # the model goes on along the reference even while torque may not: so a short gap in the
         # joint states does not cost it the amplitudes
         reference_age = self.follower.age(now)
@@ -390,8 +392,6 @@ class FeedforwardNode(RobotNode):
 
     def _move_base(self, time: float) -> None:
         """Let the model's base move as measured, carried on to a time."""
-        if not self.base.used:
-            return
         motion, source = self.base.at(time), self.torque.source
         if self.drifts and len(source.robot.base_indices):
             source.move_floating_base(None if motion is None else motion.twist)
@@ -401,7 +401,7 @@ class FeedforwardNode(RobotNode):
     def _trouble(self, now: float, reference_age: float) -> str:
         """Return why the reference may not be followed, '' if it may."""
         age, has_posture = self.joint_input.age(now), not self.carrying.failure
-        if trouble := self.base.trouble(now):
+        if self.base.used and (trouble := self.base.trouble(now)):
             return trouble
         return self.conditions.trouble(age, has_posture, self.follower.given, reference_age)
 

@@ -14,6 +14,13 @@ from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallba
 from rclpy.lifecycle import LifecycleNode
 from rclpy.node import Node
 
+LONGEST_REASON = 1000  # characters of what a message may have put into an error
+# how service types say that they failed, and why
+FAILED = {'success': False, 'successful': False}
+REASONS = ('message', 'reason', 'failure_reason')
+Service = Callable[[Any, Any], Any]
+LONGEST_LOG = 100  # lines that wait, within a second, to be logged
+
 
 def leave_graph() -> None:
     """Destroy the default context, which ends the last of the middleware's threads.
@@ -44,14 +51,6 @@ class WithoutEvents(Node):
         """Publish as rclpy does."""
         events = PublisherEventCallbacks(use_default_callbacks=False)
         return super().create_publisher(*given, event_callbacks=events, **options)
-
-
-LONGEST_REASON = 1000  # characters of what a message may have put into an error
-# how service types say that they failed, and why
-FAILED = {'success': False, 'successful': False}
-REASONS = ('message', 'reason', 'failure_reason')
-
-Service = Callable[[Any, Any], Any]
 
 
 class Guard:
@@ -176,9 +175,6 @@ def _one_by_one(callback: Service) -> Service:
         return response
 
     return guarded
-
-
-LONGEST_LOG = 100  # lines that wait, within a second, to be logged
 
 
 class GuardedNode(WithoutEvents, LifecycleNode):

@@ -27,6 +27,8 @@ ONLY = 'ROS_LOCALHOST_ONLY'
 TRANSPORTS = 'FASTDDS_BUILTIN_TRANSPORTS'
 PROFILES = 'FASTRTPS_DEFAULT_PROFILES_FILE'
 IMPLICIT_PROFILES = Path('DEFAULT_FASTRTPS_PROFILES.xml')  # Fast DDS reads it where it is started
+BUFFERS = Path(__file__).with_name('buffers.xml')
+FROM_PROFILES = 'RMW_FASTRTPS_USE_QOS_FROM_XML'
 
 
 def use_sockets(
@@ -76,10 +78,6 @@ def _localhost(environment: MutableMapping[str, str]) -> bool:
     if environment.get(ONLY):
         return environment[ONLY] == '1'
     return environment.get(RANGE) == 'LOCALHOST'
-
-
-BUFFERS = Path(__file__).with_name('buffers.xml')
-FROM_PROFILES = 'RMW_FASTRTPS_USE_QOS_FROM_XML'
 
 
 def release_buffers(

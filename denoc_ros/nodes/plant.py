@@ -45,6 +45,16 @@ from denoc_ros.types import Array
 if TYPE_CHECKING:
     from denoc_ros.nodes.base import DenocNode
 
+CATCH_UP = 50  # steps that a tick after a pause of the machine takes in any case
+CATCH_UP_TIME = 0.02  # s of a processor for more of them; what is left is time lost
+COMMANDS = 256  # that wait for the step which they come before
+REFERENCE_GAP = 0.2  # s
+LOOK_STEPS = 20  # between looks at whether the state is one that the robot can have
+REMEDY = (
+    'nothing after that means anything: hold the joints by feedback.kp and feedback.kd, or '
+    'command them by a model that is not rigid, then call ~/reset'
+)
+
 
 class BaseOutput:
     """Publishes pose and twist of a floating base.
@@ -77,17 +87,6 @@ class BaseOutput:
         linear.x, linear.y, linear.z = twist[:3].tolist()
         angular.x, angular.y, angular.z = twist[3:].tolist()
         self._publisher.publish(message)
-
-
-CATCH_UP = 50  # steps that a tick after a pause of the machine takes in any case
-CATCH_UP_TIME = 0.02  # s of a processor for more of them; what is left is time lost
-COMMANDS = 256  # that wait for the step which they come before
-REFERENCE_GAP = 0.2  # s
-LOOK_STEPS = 20  # between looks at whether the state is one that the robot can have
-REMEDY = (
-    'nothing after that means anything: hold the joints by feedback.kp and feedback.kd, or '
-    'command them by a model that is not rigid, then call ~/reset'
-)
 
 
 class PlantNode(RobotNode):

@@ -41,6 +41,9 @@ from denoc_ros.runtime.trajectory_messages import has_many_points, read_trajecto
 from denoc_ros.types import Array
 
 MOTION = ('position', 'velocity')
+Measurement = tuple[float, Array, Array | None, Array | None]
+MOST_STEPS = 20  # periods of a processor's time that measurements may take after a pause
+QUEUE = 64  # measurements kept for a late tick
 
 
 class PredictorOutputs:
@@ -138,11 +141,6 @@ class PredictorOutputs:
     def _send(self, topic: str, message: JointStateMessage | PoseMessage, stamp_ns: int) -> None:
         message.stamp(stamp_ns)
         self._sends[topic](message.bytes())
-
-
-Measurement = tuple[float, Array, Array | None, Array | None]
-MOST_STEPS = 20  # periods of a processor's time that measurements may take after a pause
-QUEUE = 64  # measurements kept for a late tick
 
 
 class PredictorNode(RobotNode):
@@ -303,7 +301,9 @@ class PredictorNode(RobotNode):
         else:
             self._now += steps * self.observer.settings.step
         observer = self.observer
-        if self.base.trouble(self._now):  # without the base's motion there is no estimate
+        if self.base.used and self.base.trouble(
+            self._now
+        ):  # without the base's motion there is no estimate
             self._queue.clear()
             self.sensors.queue.clear()
             observer.reset()

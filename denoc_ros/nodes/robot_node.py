@@ -34,6 +34,16 @@ from denoc_ros.runtime.trajectory_messages import TrajectoryMessage
 from denoc_ros.settings import Value
 from denoc_ros.types import Array
 
+# what a flood at 10 kHz brings between two ticks at 1 kHz, and some more
+WITHIN_A_TICK = 16  # messages
+STANDSTILL = 0.5  # s without a tick that are an error
+SHORT = 1e-4  # s between looks for a message that is due
+PATIENCE = 1.0  # s of failing ticks that nothing can be done about
+WITHIN_A_MESSAGE = 1000  # messages between two ticks that one message of /clock may pass over
+OVERDUE = 0.5  # s of wall time that a tick waits for a message that is due
+CORES_PERIOD = 0.5  # s between looks at how full the cores are
+ASIDE_PERIOD = 0.02  # s between looks at what the loop does not take
+
 
 class ModelNode(DenocNode):
     """Loads the robot on configure, from a file or from the topic robot_description.
@@ -257,17 +267,6 @@ class ModelNode(DenocNode):
 def is_override(name: str) -> bool:
     """Say whether a parameter changes the model."""
     return name.split('.')[0] in FAMILIES and '.' in name
-
-
-# what a flood at 10 kHz brings between two ticks at 1 kHz, and some more
-WITHIN_A_TICK = 16  # messages
-STANDSTILL = 0.5  # s without a tick that are an error
-SHORT = 1e-4  # s between looks for a message that is due
-PATIENCE = 1.0  # s of failing ticks that nothing can be done about
-WITHIN_A_MESSAGE = 1000  # messages between two ticks that one message of /clock may pass over
-OVERDUE = 0.5  # s of wall time that a tick waits for a message that is due
-CORES_PERIOD = 0.5  # s between looks at how full the cores are
-ASIDE_PERIOD = 0.02  # s between looks at what the loop does not take
 
 
 class RobotNode(ModelNode):

@@ -36,6 +36,7 @@ from denoc_ros.types import Array
 SEARCH_PERIOD = 0.5  # s between looks for topics that have appeared
 QUEUE = 1024  # values kept for a late tick
 Reading = tuple[int, tuple[float, ...]]  # stamp [ns], raw values
+Reader = Callable[[bytes, Any, str], Reading]
 
 
 def read_float(raw: bytes, _sensor: Sensor, _wrench_field: str) -> Reading:
@@ -104,7 +105,6 @@ def read_accelerometer(raw: bytes, _sensor: InertialSensor, _wrench_field: str) 
     return stamp_ns, tuple(acceleration[:3].tolist())
 
 
-Reader = Callable[[bytes, Any, str], Reading]
 READERS: dict[str, tuple[type, Reader]] = {
     'std_msgs/msg/Float64': (Float64, read_float),
     'std_msgs/msg/Float64MultiArray': (Float64MultiArray, read_array),
@@ -285,11 +285,17 @@ class BaseInput:
     node : RobotNode
         Its parameters `base_motion`, `base_motion_timeout` and `base_motion_cutoff` say how; it
         subscribes.
+
+    Attributes
+    ----------
+    used : bool
+        Whether the node listens to the base's motion.
     """
 
     def __init__(self, node: RobotNode) -> None:
         self._node = node
         self.source = node.settings.text('base_motion')
+        self.used = self.source != 'off'
         self._timeout = node.settings.number('base_motion_timeout')
         self._clock = StampClock()
         self._monitor: InputMonitor | None = None
@@ -299,11 +305,6 @@ class BaseInput:
         )
         self._limits = BaseLimits(rate, acceleration, angular, self._timeout)
         self.track = BaseTrack(1.0, 1.0, np.zeros(3))
-
-    @property
-    def used(self) -> bool:
-        """Whether the node listens to the base's motion."""
-        return self.source != 'off'
 
     def build(self, gravity: Array) -> None:
         """Begin anew for a robot with its gravity (3,).
@@ -339,7 +340,7 @@ class BaseInput:
 
     def trouble(self, now: float) -> str:
         """Return why the base's motion is not known, '' if it is or is not listened to."""
-        if self.source == 'off':
+        if not self.used:
             return ''
         for monitor, stale, missing in (
             (self._monitor, 'stale base_motion', 'no base_motion yet'),

@@ -26,6 +26,14 @@ from denoc_ros.runtime.status import ERROR, WARN, Status
 CLOCK_TOPIC = '/clock'
 ROS_TIME = ClockType.ROS_TIME
 KEPT = 20_000  # times kept for messages that are looked at later
+PROGRESS_TOPIC = '_time'  # hidden, as it is of the machine: recorders leave it out
+PROGRESS = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
+VALUES = struct.Struct('<QQ')  # the last bytes of a message
+FOREVER = (1 << 64) - 1
+LOOK = 0.02  # s of wall time at most for one look for answers
+LOST = 0.5  # s of wall time that a command may take that its sender has counted
+SLOW = 1.0  # s of wall time for an answer after which the status names who owes it
+BEST_EFFORT = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
 class WaitSet:
@@ -153,12 +161,6 @@ def time_ns(raw: bytes) -> int:
     return found
 
 
-PROGRESS_TOPIC = '_time'  # hidden, as it is of the machine: recorders leave it out
-PROGRESS = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
-VALUES = struct.Struct('<QQ')  # the last bytes of a message
-FOREVER = (1 << 64) - 1
-
-
 class TickProgress:
     """Publishes `~/_time` of a node in simulated time, for who waits for it.
 
@@ -184,12 +186,6 @@ class TickProgress:
         if self._listeners():
             until_ns = FOREVER if until == math.inf else max(0, self._clock.stamp_ns(until))
             self._publish(self._front + VALUES.pack(until_ns, commands))
-
-
-LOOK = 0.02  # s of wall time at most for one look for answers
-LOST = 0.5  # s of wall time that a command may take that its sender has counted
-SLOW = 1.0  # s of wall time for an answer after which the status names who owes it
-BEST_EFFORT = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
 class Partner:

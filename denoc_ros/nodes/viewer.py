@@ -32,6 +32,9 @@ if TYPE_CHECKING:
 Admit = Callable[[int], None]
 # takes a topic, as it was given, a raw message, and what admits its stamp [ns]
 Taker = Callable[[str, bytes, Admit], None]
+LOOK_PERIOD = 0.2  # s between looks whether anybody watches
+LINGER = 2.0  # s that the inputs stay open when the last one has gone: a page that is reloaded
+EXPOSED = 'the page is served beyond this machine ({}): everybody who reaches it can watch'
 
 
 class _Aside(WithoutEvents):
@@ -125,12 +128,6 @@ class PolledInputs:
 
 def _admit(monitor: InputMonitor, arrived: float, stamp_ns: int) -> None:
     monitor.accept(stamp_ns, arrived)
-
-
-LOOK_PERIOD = 0.2  # s between looks whether anybody watches
-LINGER = 2.0  # s that the inputs stay open when the last one has gone: a page that is reloaded
-
-EXPOSED = 'the page is served beyond this machine ({}): everybody who reaches it can watch'
 
 
 class ViewerNode(ModelNode):

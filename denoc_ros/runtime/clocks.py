@@ -18,6 +18,7 @@ LOOK = 0.02  # s of wall time between looks while a clock stands
 STANDS = 1.0  # s of wall time without progress after which nothing more is expected
 BEHIND = 0.1  # s of wall time that a simulation makes up for
 REPEAT = 0.05  # s of wall time between repetitions of a time that stands
+SET_BACK = 1_000_000_000  # ns by which a clock that goes back has been set back
 
 
 class Clock(ABC):
@@ -375,9 +376,6 @@ class SourceClock(_StampedTime):
         if time.perf_counter() - self._told > REPEAT:
             self.tell()
         self._standing()
-
-
-SET_BACK = 1_000_000_000  # ns by which a clock that goes back has been set back
 
 
 class StampOf:

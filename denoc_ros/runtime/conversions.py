@@ -42,6 +42,9 @@ from denoc_ros.types import Array
 
 LONGEST = 16384  # bytes of a message that a loop has time for
 LARGEST_EFFORT = 1e9  # N m or N: more is no torque of a robot
+SHORTEST = 1e-3  # s between two messages whose difference says what the base does
+UNIT = 1e-3  # how far a quaternion may be from unit length
+LARGEST = 1e6  # m/s, rad/s, and per s: more is no base's motion
 
 
 class MessageReader(CdrReader):
@@ -396,11 +399,6 @@ class CommandReader:
         if reader.order == '<' and 0 < len(names) == len(self.joints) and self._numbers == 1:
             places = joint_map(names, self.joints)
             self._taker = NumberTaker(raw, [(0, counted)], (start, None, None), places)
-
-
-SHORTEST = 1e-3  # s between two messages whose difference says what the base does
-UNIT = 1e-3  # how far a quaternion may be from unit length
-LARGEST = 1e6  # m/s, rad/s, and per s: more is no base's motion
 
 
 class BaseLimits:

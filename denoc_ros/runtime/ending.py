@@ -15,6 +15,8 @@ from types import FrameType
 
 ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 NODES = ('feedforward', 'predictor', 'recorder', 'plant', 'viewer', 'shaper')
+HUNG = 1  # exit status
+LOOKS = 5  # at least, each without a beat, before an executor counts as hung
 
 
 class Interrupted(BaseException):
@@ -97,10 +99,6 @@ def started_node() -> str:
     name = Path(command).name.removeprefix('denoc-')
     installed = Path(command).name != name or Path(command).parent.name == 'denoc_ros'
     return name if installed and name in NODES else ''
-
-
-HUNG = 1  # exit status
-LOOKS = 5  # at least, each without a beat, before an executor counts as hung
 
 
 class Watchdog:

@@ -8,6 +8,9 @@ from collections.abc import Sequence
 
 MOST_JOINTS = 256  # in one message: names are read one by one
 LONGEST_TEXT = 500  # characters of a refusal: what came may be megabytes
+SILENCE = 2.0  # s without a message after which a publisher counts as silent
+MOST_MISSED = 1_000_000  # messages at most between two that came: else it is another publisher
+LOST = 100  # messages at most that one publisher may have sent and that did not come
 
 
 class InputError(Exception):
@@ -17,11 +20,6 @@ class InputError(Exception):
         self.cause = cause
         short = len(message) <= LONGEST_TEXT
         super().__init__(message if short else message[: LONGEST_TEXT - 1] + '…')
-
-
-SILENCE = 2.0  # s without a message after which a publisher counts as silent
-MOST_MISSED = 1_000_000  # messages at most between two that came: else it is another publisher
-LOST = 100  # messages at most that one publisher may have sent and that did not come
 
 
 class ActivePublishers:

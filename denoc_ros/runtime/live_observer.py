@@ -19,6 +19,11 @@ from denoc_ros.runtime.predictor_parameters import FUSION, OBSERVER, TRACKER
 from denoc_ros.runtime.status import WARN, Status
 from denoc_ros.types import Array
 
+LONGEST_LAG = 0.1  # s that sensors' values may come late
+AT_BOUND = 1e-3  # share of the width of the bounds: nearer counts as there
+Bounds = dict[str, tuple[float, float]]
+SENSOR_SILENCE = 0.5  # s without a value after which a fused sensor counts as missing
+
 
 def build_observer(
     robot: Robot, settings: Settings, period: float, joints: Sequence[str], posture: Array
@@ -74,11 +79,6 @@ def is_observers(name: str) -> bool:
     """Say whether a live parameter belongs to the observer or to its tracker of numbers."""
     known = name in OBSERVER or name == 'joint_state_timeout'
     return known or name.startswith(('fusion.', 'adapt'))
-
-
-LONGEST_LAG = 0.1  # s that sensors' values may come late
-AT_BOUND = 1e-3  # share of the width of the bounds: nearer counts as there
-Bounds = dict[str, tuple[float, float]]
 
 
 class Adaptation:
@@ -218,9 +218,6 @@ def _bounds(settings: Settings, paths: Sequence[str]) -> Bounds:
         raise ConfigError('adapt', [f'{rule}, got {len(given)} numbers'])
     pairs = zip(given[::2], given[1::2], strict=True)
     return dict(zip(paths, pairs, strict=False))
-
-
-SENSOR_SILENCE = 0.5  # s without a value after which a fused sensor counts as missing
 
 
 def fusion_status(fusion: StrainFusion, now: float) -> Status:

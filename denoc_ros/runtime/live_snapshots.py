@@ -21,6 +21,8 @@ from denoc_ros.viewer.channels import deflection_channel, residual_channel, torq
 from denoc_ros.viewer.snapshot import Snapshot
 
 FARTHEST = 1e6  # rad or m: a coordinate beyond cannot be drawn
+# what the charts call a source, by the node that its topic is of
+WORDS = {'predictor': 'predicted', 'plant': 'true'}
 
 
 class _StateLayout(NamedTuple):
@@ -139,10 +141,6 @@ class LiveState:
         except (StateError, SolverError) as error:
             raise InputError('open_loop', str(error)) from error
         return q, qd
-
-
-# what the charts call a source, by the node that its topic is of
-WORDS = {'predictor': 'predicted', 'plant': 'true'}
 
 
 class LiveSnapshots:

@@ -15,6 +15,11 @@ from denoc_ros.errors import ConfigError
 from denoc_ros.settings import Parameter, Value, declared
 from denoc_ros.yaml_text import read_yaml_file
 
+T = TypeVar('T')
+VALUES = 'ros__parameters'
+WILD = ('*', '**')
+FLAGS = ('--params-file', '-p', '--param')
+
 
 class Settings:
     """The accepted values of a node's parameters, each read as the type its row declares."""
@@ -70,9 +75,6 @@ class Settings:
             for name, value in self._values.items()
             if name.startswith(starts)
         }
-
-
-T = TypeVar('T')
 
 
 class SettingsParameters(Generic[T]):
@@ -216,11 +218,6 @@ def _shown(value: Value) -> str:
     if isinstance(value, bool):
         return str(value).lower()
     return f'{value:g}' if isinstance(value, float) else str(value) or "''"
-
-
-VALUES = 'ros__parameters'
-WILD = ('*', '**')
-FLAGS = ('--params-file', '-p', '--param')
 
 
 def shared_names(arguments: Sequence[str], node: str) -> set[str]:

@@ -36,6 +36,15 @@ SAMPLE = 0.05  # s over which the real-time threads of full cores are looked at
 HARMLESS = 0.5  # share of full cores below which real-time threads are not looked at for a while
 CALM = 1.0  # s of that
 REALTIME = (os.SCHED_FIFO, os.SCHED_RR)
+WINDOW = 1 << 15  # ticks kept between two readings of the statistics
+# period over its nominal value: finer around 1, open at both ends
+HISTOGRAM_EDGES = np.concatenate(
+    ([0.0], np.linspace(0.1, 2.0, 96), [2.5, 3.0, 4.0, 5.0, 10.0, 20.0, 50.0, 100.0])
+)
+MEMORY = 0.05  # weight of the newest stamp in the mean phase
+STEADY = 0.5  # length of the mean of unit vectors: stamps at any phase give 0
+SLEW = 0.01  # of a period that a deadline moves per tick, at most
+PLACE = 0.5  # of a period after a stamp: what is asked of it is there before the next one
 
 
 class LoopLoad:
@@ -234,13 +243,6 @@ def _runtimes(threads: Sequence[int]) -> dict[int, int]:
     return found
 
 
-WINDOW = 1 << 15  # ticks kept between two readings of the statistics
-# period over its nominal value: finer around 1, open at both ends
-HISTOGRAM_EDGES = np.concatenate(
-    ([0.0], np.linspace(0.1, 2.0, 96), [2.5, 3.0, 4.0, 5.0, 10.0, 20.0, 50.0, 100.0])
-)
-
-
 @dataclass(frozen=True)
 class LoopStatistics:
     """Timing of the loop since the last reading; totals since its start."""
@@ -433,12 +435,6 @@ class RealtimeLoop:
             skipped_total=skipped,
             histogram=self._histogram.copy(),
         )
-
-
-MEMORY = 0.05  # weight of the newest stamp in the mean phase
-STEADY = 0.5  # length of the mean of unit vectors: stamps at any phase give 0
-SLEW = 0.01  # of a period that a deadline moves per tick, at most
-PLACE = 0.5  # of a period after a stamp: what is asked of it is there before the next one
 
 
 class PhaseLock:

@@ -21,6 +21,12 @@ from denoc_ros.runtime.status import ERROR, WARN, Status
 from denoc_ros.types import Array
 
 STALE_ACTIONS = ('hold', 'ramp_to_gravity', 'zero', 'stop_publishing')
+NO_JOINTS, STALE_JOINTS = 'no joint_states yet', 'stale joint_states'
+POSTURE_SHARE = 0.1  # of a processor that postures without a torque may cost
+LONGEST_WAIT = 0.25  # s until such a posture, or a model that fails, is tried again
+SUBSTEPS = 20  # of the model in one tick after a pause
+SEARCH_SHARE = 0.5  # of a period that a tick may search for an equilibrium
+FAILING_SHARE = 0.1  # of a processor for a model that fails
 
 
 class TorqueLimiter:
@@ -195,9 +201,6 @@ def effort_limits(
     return np.array(given or of_model, dtype=np.float64)
 
 
-NO_JOINTS, STALE_JOINTS = 'no joint_states yet', 'stale joint_states'
-
-
 class FollowingConditions:
     """Says why a reference may not be followed.
 
@@ -265,10 +268,6 @@ class FollowingConditions:
         return ''
 
 
-POSTURE_SHARE = 0.1  # of a processor that postures without a torque may cost
-LONGEST_WAIT = 0.25  # s until such a posture, or a model that fails, is tried again
-
-
 class CarryingTorque:
     """Gravity torque of the last posture that has one.
 
@@ -331,11 +330,6 @@ class CarryingTorque:
         self.posture[:], self.torque[:] = posture, torque
         self.found = True
         return ''
-
-
-SUBSTEPS = 20  # of the model in one tick after a pause
-SEARCH_SHARE = 0.5  # of a period that a tick may search for an equilibrium
-FAILING_SHARE = 0.1  # of a processor for a model that fails
 
 
 def torque_feedforward(

@@ -26,6 +26,8 @@ from denoc_ros.trajectories import SplineTrajectory
 from denoc_ros.types import Array
 
 COLUMNS = ('positions', 'velocities', 'accelerations', 'effort')
+LONGEST_MOTION = 1e4  # s of a motion, of which a plan has a sample each 0.01 s
+RESTING = 1e-3  # rad/s or m/s at the ends that count as rest
 
 
 @dataclass(frozen=True)
@@ -222,10 +224,6 @@ def _read_rows(reader: MessageReader, count: int, lengths: list[int]) -> tuple[l
 
 def _refuse_length(what: str, got: int, joints: int) -> None:
     raise InputError('wrong_length', f'{what} must have {joints} elements, got {got}')
-
-
-LONGEST_MOTION = 1e4  # s of a motion, of which a plan has a sample each 0.01 s
-RESTING = 1e-3  # rad/s or m/s at the ends that count as rest
 
 
 @dataclass(frozen=True)

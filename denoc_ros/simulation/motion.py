@@ -28,6 +28,11 @@ from denoc_ros.types import Array
 Int = NDArray[np.int_]
 
 CORRECTIONS = 6  # each one squares what a step left, 1e-6 at most
+Torque = Callable[[float, Array, Array], Array]
+Prescribed = Mapping[str, Callable[[float], tuple[float, float, float]]]
+# A start this far from the motion prescribed at that time is a mistake, not rounding.
+START_TOLERANCE = 1e-6
+WRAP = 4.0  # rad: a rotation vector this long is brought back; at 2 pi its rates are singular
 
 
 class ConstraintProjection:
@@ -79,14 +84,6 @@ class ConstraintProjection:
         spread = scipy.linalg.cho_solve(scipy.linalg.cho_factor(inertia), rows.T)
         share = np.linalg.lstsq(rows @ spread, error, rcond=RANK**2)[0]
         return np.asarray(spread @ share)
-
-
-Torque = Callable[[float, Array, Array], Array]
-Prescribed = Mapping[str, Callable[[float], tuple[float, float, float]]]
-
-# A start this far from the motion prescribed at that time is a mistake, not rounding.
-START_TOLERANCE = 1e-6
-WRAP = 4.0  # rad: a rotation vector this long is brought back; at 2 pi its rates are singular
 
 
 class EquationsOfMotion:

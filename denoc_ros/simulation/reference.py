@@ -24,6 +24,16 @@ KNOTS = 120  # per turn: quintics between them are true to 1e-9 of the radius
 CLOSED = 1e-11  # m, rad
 ITERATIONS = 50
 SMALL = 1e-5  # step of a central difference, of 1 / the largest rate
+KEYS = {
+    'book': {'start', 'rate', 'period', 'form', 'duration'},
+    'sine': {'start', 'amplitude', 'frequency', 'phase', 'duration', 'ramp'},
+    'points': {'times', 'positions', 'velocities', 'accelerations'},
+}
+NEEDED = {
+    'book': ('rate', 'period'),
+    'sine': ('amplitude', 'frequency', 'duration'),
+    'points': ('times', 'positions'),
+}
 
 
 @dataclass(frozen=True)
@@ -113,18 +123,6 @@ def _reach(robot: Robot, frame: str, point: Array, directions: Array, guess: Arr
         f'simulate: frame {frame!r} must reach {np.round(point, 6).tolist()} m with its '
         f'directions kept, got no closer than {np.max(np.abs(wanted)):.3g} m or rad'
     )
-
-
-KEYS = {
-    'book': {'start', 'rate', 'period', 'form', 'duration'},
-    'sine': {'start', 'amplitude', 'frequency', 'phase', 'duration', 'ramp'},
-    'points': {'times', 'positions', 'velocities', 'accelerations'},
-}
-NEEDED = {
-    'book': ('rate', 'period'),
-    'sine': ('amplitude', 'frequency', 'duration'),
-    'points': ('times', 'positions'),
-}
 
 
 def trajectory_from_config(

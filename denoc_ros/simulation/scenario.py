@@ -34,6 +34,27 @@ from denoc_ros.simulation.time_functions import (
 from denoc_ros.trajectories import Trajectory
 from denoc_ros.types import Array
 
+TORQUE_KINDS = ('zero', 'step', 'rigid_inverse_dynamics')
+TABLE_KINDS = ('hold', 'linear')
+CIRCLE_NEEDS = ('radius', 'duration')
+CIRCLE_KEYS = ('kind', 'frame', 'centre', 'start', 'turns', 'guess', *CIRCLE_NEEDS)
+KEYS = (
+    'gravity',
+    'geometric_stiffness',
+    'model',
+    'plant',
+    'start',
+    'torque',
+    'reference',
+    'prescribed',
+    'base',
+    'duration',
+    'output_rate',
+    'rtol',
+    'method',
+)
+START_KEYS = ('joints', 'rates', 'amplitudes')
+
 
 class ScenarioReader(MappingReader):
     """Reader of a mapping's values; violations become findings."""
@@ -99,12 +120,6 @@ class ScenarioReader(MappingReader):
         except ConfigError as error:
             self.findings += [f'{whose}: {finding}' for finding in error.findings]
         return None
-
-
-TORQUE_KINDS = ('zero', 'step', 'rigid_inverse_dynamics')
-TABLE_KINDS = ('hold', 'linear')
-CIRCLE_NEEDS = ('radius', 'duration')
-CIRCLE_KEYS = ('kind', 'frame', 'centre', 'start', 'turns', 'guess', *CIRCLE_NEEDS)
 
 
 class ScenarioInputs:
@@ -244,24 +259,6 @@ class ScenarioInputs:
             self._reader.find(
                 f'{whose}: rate must be a number and time > 0 s, got {rate!r} and {time!r}'
             )
-
-
-KEYS = (
-    'gravity',
-    'geometric_stiffness',
-    'model',
-    'plant',
-    'start',
-    'torque',
-    'reference',
-    'prescribed',
-    'base',
-    'duration',
-    'output_rate',
-    'rtol',
-    'method',
-)
-START_KEYS = ('joints', 'rates', 'amplitudes')
 
 
 @dataclass(frozen=True)

@@ -25,6 +25,12 @@ from denoc_ros.kernels.handle import GOOD
 from denoc_ros.simulation.motion import EquationsOfMotion, Prescribed, Torque, checked_vector
 from denoc_ros.types import Array
 
+LONGEST_TURN = 1.0  # rad between two looks at a floating base's attitude
+METHODS = {'DOP853': DOP853, 'RK45': RK45, 'LSODA': LSODA, 'Radau': Radau, 'BDF': BDF}
+# A projection onto loops moves the state, and so does a rotation vector that is brought back:
+# methods that remember earlier steps cannot take it.
+ONE_STEP = ('DOP853', 'RK45', 'Radau')
+
 
 @dataclass(frozen=True)
 class Run:
@@ -84,9 +90,6 @@ class Run:
         total = self.energy.sum(axis=1)
         scale = float(np.max(self.energy[:, 0], initial=0.0)) or 1.0
         return float(np.max(np.abs(total - total[0]), initial=0.0)) / scale
-
-
-LONGEST_TURN = 1.0  # rad between two looks at a floating base's attitude
 
 
 class CompiledDOP853(DOP853):  # type: ignore[misc]
@@ -152,12 +155,6 @@ class CompiledDOP853(DOP853):  # type: ignore[misc]
     def _dense_output_impl(self) -> object:
         self.t_old = self.t - self.h_previous  # of the last step, not of the call
         return super()._dense_output_impl()
-
-
-METHODS = {'DOP853': DOP853, 'RK45': RK45, 'LSODA': LSODA, 'Radau': Radau, 'BDF': BDF}
-# A projection onto loops moves the state, and so does a rotation vector that is brought back:
-# methods that remember earlier steps cannot take it.
-ONE_STEP = ('DOP853', 'RK45', 'Radau')
 
 
 def simulate(
