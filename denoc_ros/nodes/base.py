@@ -487,7 +487,7 @@ class DenocNode(GuardedNode):
 
     @property
     def is_configured(self) -> bool:
-        """Whether there is what configure makes."""
+        """Whether the node is configured: active or not."""
         return self.state in ('active', 'inactive')
 
     def save(self) -> None:

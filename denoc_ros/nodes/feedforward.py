@@ -128,7 +128,7 @@ class FeedforwardNode(RobotNode):
         self.base.build(self.robot.gravity)
 
     def _impedance(self, settings: Settings) -> ImpedanceOutput | None:
-        """Return what sends the gains of drives, None where no stiffness is given."""
+        """Return the output of the gains of drives, None where no stiffness is given."""
         if not settings.numbers('impedance.stiffness'):
             if any(settings.numbers('impedance.damping')):
                 rule = "parameter 'impedance.stiffness' must be given beside 'impedance.damping'"
@@ -228,9 +228,9 @@ class FeedforwardNode(RobotNode):
         if self.state != 'active':
             return
         if self.follower.given:
-            self.feedback.watch(self.follower, self.q)
+            self.feedback.state.watch(self.follower, self.q)
         elif self.joint_input.received:
-            self.feedback.watch(self.follower, self._reader.position)
+            self.feedback.state.watch(self.follower, self._reader.position)
 
     # ---- inputs: what is stored here, the tick consumes
 
@@ -292,7 +292,7 @@ class FeedforwardNode(RobotNode):
 
     def cleanup(self) -> None:
         """End the process that designs gains."""
-        self.feedback.close()
+        self.feedback.state.close()
 
     def begin(self) -> None:
         """Start from rest: nothing is known and nothing has left."""
@@ -471,7 +471,7 @@ class FeedforwardNode(RobotNode):
 
     def come_to_rest(self) -> None:
         """Go to the safe command, then say it again."""
-        self.feedback.stop()
+        self.feedback.state.stop()
         if self.by_message:
             return
         self.feedback.rest()
@@ -546,7 +546,7 @@ class FeedforwardNode(RobotNode):
 
     def save(self) -> None:
         """Leave no process behind, whatever hangs."""
-        self.feedback.close()
+        self.feedback.state.close()
 
     # ---- diagnostics
 

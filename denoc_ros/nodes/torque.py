@@ -29,7 +29,6 @@ from denoc_ros.nodes.sensor_inputs import SEARCH_PERIOD, SensorInputs
 from denoc_ros.runtime.conversions import JointStateReader
 from denoc_ros.runtime.live_state_feedback import LiveStateFeedback
 from denoc_ros.runtime.parameters import Settings
-from denoc_ros.runtime.reference import ReferenceFollower
 from denoc_ros.runtime.status import Status
 from denoc_ros.runtime.strain_feedback import StrainFeedback
 from denoc_ros.types import Array
@@ -103,10 +102,6 @@ class TorqueFeedback:
             wall = 1e-9 * self._node.stamp_ns_at(now)
             self.state.take_joints(1e-9 * reader.stamp_ns, now, wall, reader.position, velocity)
 
-    def watch(self, follower: ReferenceFollower, position: Array) -> None:
-        """Prepare the feedback beside the loop; see :meth:`LiveStateFeedback.watch`."""
-        self.state.watch(follower, position)
-
     @property
     def busy(self) -> bool:
         """Whether gains are in work."""
@@ -121,14 +116,6 @@ class TorqueFeedback:
         """Start anew."""
         self._plan = None
         self.state.begin()
-
-    def stop(self) -> None:
-        """End the work beside the loop."""
-        self.state.stop()
-
-    def close(self) -> None:
-        """End the process that designs gains, if there is one."""
-        self.state.close()
 
     def add(
         self, torque: Array, source: TorqueFeedforward, wanted: Array, now: float, lead: float
