@@ -138,10 +138,8 @@ class Parameter:
         if not _is_number(value):
             raise ValueError(self.finding(subject, value, self.kind.noun))
         number = float(cast(float, value))
-        if math.isnan(number):
-            raise ValueError(self.finding(subject, value, 'a number'))
-        if self.finite and math.isinf(number):
-            raise ValueError(self.finding(subject, value, 'finite'))
+        if math.isnan(number) or (self.finite and math.isinf(number)):
+            raise ValueError(self.finding(subject, value, f'a number {self.range}'.rstrip()))
         if (self.positive and not number > 0.0) or not self.minimum <= number <= self.maximum:
             raise ValueError(self.finding(subject, value, self.range))
         return number

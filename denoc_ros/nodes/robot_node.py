@@ -392,7 +392,8 @@ class RobotNode(ModelNode):
         if len(values) not in (1, count):
             rule = f"parameter '{name}' must have 1 or {count} elements"
             raise self.config_error(f'{rule}, got {len(values)}')
-        return np.broadcast_to(np.array(values), count).copy()
+        found: Array = np.broadcast_to(np.array(values), count).copy()
+        return found
 
     # ---- changes while the loop runs
 
