@@ -25,7 +25,7 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from denoc_ros.bags.cdr import stamp_bytes, stamp_fields
 from denoc_ros.bags.definitions import exact_cdr
 from denoc_ros.bags.joint_state import IMPEDANCE
-from denoc_ros.kernels.quaternion import write_quaternion
+from denoc_ros.kernels.rotation import write_quaternion
 from denoc_ros.runtime.trajectory_messages import TrajectoryMessage
 from denoc_ros.types import Array
 

@@ -22,7 +22,7 @@ from denoc_ros.estimation.clock import StampClock
 from denoc_ros.estimation.observer import Observer
 from denoc_ros.estimation.parameter_tracker import ParameterTracker
 from denoc_ros.kernels.compiled import ready
-from denoc_ros.kernels.quaternion import write_quaternion
+from denoc_ros.kernels.rotation import write_quaternion
 from denoc_ros.nodes.base import DenocNode
 from denoc_ros.nodes.markers import CentreLines, LineMarkers
 from denoc_ros.nodes.messages import STATE, PoseMessage, listeners, raw_publish

@@ -17,8 +17,12 @@ from denoc_ros.errors import SolverError, StateError
 from denoc_ros.runtime.conversions import JointStateReader, joint_names
 from denoc_ros.runtime.input_monitor import InputError
 from denoc_ros.types import Array
-from denoc_ros.viewer.channels import deflection_channel, residual_channel, torque_channels
-from denoc_ros.viewer.snapshot import Snapshot
+from denoc_ros.viewer.snapshot import (
+    Snapshot,
+    deflection_channel,
+    residual_channel,
+    torque_channels,
+)
 
 FARTHEST = 1e6  # rad or m: a coordinate beyond cannot be drawn
 # what the charts call a source, by the node that its topic is of
