@@ -16,9 +16,9 @@ from denoc_ros.cli.written_description import write_description
 from denoc_ros.dynamics.measured_side import measured_robot
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import ConfigError, IdentificationError
+from denoc_ros.estimation.calibration import Mounting, calibrate_mounting
 from denoc_ros.estimation.joint_motion import smooth
-from denoc_ros.estimation.mounting import Mounting, calibrate_mounting
-from denoc_ros.model.remounting import remounted_description
+from denoc_ros.model.overrides import remounted_description
 from denoc_ros.types import Array
 
 MOST = 1000  # readings, evenly out of all: the amplitudes of each are in equilibrium
