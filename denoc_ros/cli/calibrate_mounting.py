@@ -10,8 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from denoc_ros.bags.readings import read_inertial
-from denoc_ros.bags.series import read_joint_states
+from denoc_ros.bags.series import INERTIAL_NUMBERS, read_joint_states, read_numbers
 from denoc_ros.cli.exit_statuses import DOUBTFUL, NOT_IDENTIFIABLE
 from denoc_ros.cli.written_description import write_description
 from denoc_ros.dynamics.measured_side import measured_robot
@@ -46,7 +45,7 @@ def _record(args: argparse.Namespace, robot: Robot) -> tuple[Array, Array, Array
     (sensor,) = (s for s in robot.tree.inertial_sensors if s.name == args.sensor)
     if not sensor.topic:
         raise ConfigError(str(args.robot), [f'sensor {sensor.name!r} must have a topic, got none'])
-    stamp_ns, readings = read_inertial(args.readings, sensor.topic)
+    stamp_ns, readings = read_numbers(args.readings, sensor.topic, INERTIAL_NUMBERS)
     joints = read_joint_states(args.readings, names=robot.joint_names)
     inside = np.flatnonzero(
         (stamp_ns >= joints.stamp_ns.min(initial=np.iinfo(np.int64).max))

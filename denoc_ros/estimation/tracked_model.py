@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from denoc_ros.dynamics.base_motion import BaseMotion
+from denoc_ros.dynamics.constraints import mimic_ties
 from denoc_ros.dynamics.driven_motion import driven_motion
-from denoc_ros.dynamics.mimic_joints import mimic_ties
 from denoc_ros.dynamics.parameter_columns import LiveNumbers
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.stepper import Stepper

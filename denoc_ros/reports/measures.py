@@ -8,16 +8,19 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from denoc_ros.bags.run import Interval, RecordedTopics
+from denoc_ros.bags.series import Series
 from denoc_ros.control.asked_motion import AskedMotion
 from denoc_ros.errors import SolverError
-from denoc_ros.reports.recording import ASKED_TOPICS, Interval, RecordedTopics, Series
 from denoc_ros.trajectories import SplineTrajectory
 from denoc_ros.types import Array
-from denoc_ros.viewer.channels import shown_deflections
+from denoc_ros.units import deflection_unit
+from denoc_ros.viewer.recorded import notable_deflections
 
 if TYPE_CHECKING:
     from denoc_ros.dynamics.robot import Robot
 
+ASKED_TOPICS = ('up/asked', 'shaper/input')  # what a shaped reference was shaped from
 ROUNDING = 1e-12  # rad
 LONG_ENOUGH = 0.5  # s after the stop that say something of swing
 SETTLED = 3.0  # s after the stop from which on an arm should be at rest
@@ -44,7 +47,7 @@ class Deflection:
     @property
     def unit(self) -> str:
         """Metres, or radians of a turn."""
-        return 'rad' if self.name.rpartition('/')[2].startswith('r') else 'm'
+        return deflection_unit(self.name)
 
 
 @dataclass(frozen=True)
@@ -288,7 +291,7 @@ def _deflections(recording: RecordedTopics, start: float, end: float) -> tuple[D
             None if predicted is None else predicted.column(name),
             None if true is None else true.select((name,)).at(shown.t)[:, 0],
         )
-        for name in shown_deflections(peaks)
+        for name in notable_deflections(peaks, least=1e-9)
     )
 
 

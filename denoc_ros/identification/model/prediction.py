@@ -20,9 +20,9 @@ from denoc_ros.identification.model.free_parameters import SearchPoint
 from denoc_ros.identification.model.innovations import LinkedRows, linked_rows
 from denoc_ros.identification.model.measured_motion import FINEST, measured_motion
 from denoc_ros.identification.model.nearby_motion import NearbyMotion
-from denoc_ros.identification.model.recording import Recording
 from denoc_ros.identification.model.robust import noise_of
 from denoc_ros.identification.model.sensed import MeasuredSignal, SensedChannels
+from denoc_ros.identification.model.sources import Recording
 from denoc_ros.identification.model.spikes import without_spikes
 from denoc_ros.model.friction import Friction
 from denoc_ros.types import Array
