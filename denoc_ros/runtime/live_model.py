@@ -32,6 +32,7 @@ class LiveModel:
         self._where = where
         self._overrides: dict[str, Any] = {}
         self._built, self._numbers = base, numbers_of(base.tree)
+        self._values, self._names = values_of(base.tree), other_names(self._numbers)
 
     def plain(self, overrides: Mapping[str, Given]) -> dict[str, Given]:
         """Return values with the aliases `damping.*` replaced by the paths that they stand for.
@@ -56,6 +57,7 @@ class LiveModel:
         rest = {path: value for path, value in plain.items() if path not in payloads}
         if rest != self._overrides:
             self._built, self._overrides = self._changed(rest), rest
+            self._values = values_of(self._built.tree)
         robot = self._built.copy()
         for link, payload in payloads_of(payloads, robot.tree).items():
             try:
@@ -78,9 +80,8 @@ class LiveModel:
 
         The overrides are those that the last `robot` was made with.
         """
-        values: Values = values_of(self._built.tree)
-        values.update(self.plain(overrides))
-        return values | {name: values[path] for name, path in other_names(values).items()}
+        values: Values = {**self._values, **self.plain(overrides)}
+        return values | {name: values[path] for name, path in self._names.items()}
 
 
 def check_description(topic: str, text: str) -> None:
