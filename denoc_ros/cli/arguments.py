@@ -1,13 +1,14 @@
-"""Arguments that verbs share: files, gravity, NAME=VALUE."""
+"""Arguments that verbs share: files, gravity, NAME=VALUE, `--set` and `--payload`."""
 
 from __future__ import annotations
 
+import argparse
 import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
-from denoc_ros.cli.config import find_file
+from denoc_ros.cli.config import find_file, parse_setting
 from denoc_ros.errors import ConfigError
 from denoc_ros.reports.run_files import EARTH
 
@@ -60,11 +61,9 @@ def add_times(group: Any) -> None:
     )
 
 
-def times_findings(args: Any) -> list[str]:
-    """Findings on the options that read the times of a table."""
-    if math.isfinite(args.rate) and args.rate >= 0.0:
-        return []
-    return [f'--rate must be > 0 Hz, got {args.rate}']
+def times_findings(rate: float) -> list[str]:
+    """Findings on `--rate`, the sample rate of a table [Hz]."""
+    return [] if math.isfinite(rate) and rate >= 0.0 else [f'--rate must be > 0 Hz, got {rate}']
 
 
 def add_stamp(parser: Any) -> None:
@@ -140,3 +139,59 @@ def number_range(text: str) -> tuple[float, float]:
     if not (math.isfinite(low) and math.isfinite(high) and low <= high):
         raise ValueError(text)
     return low, high
+
+
+def add_overrides(parser: argparse.ArgumentParser) -> None:
+    """Declare `--set` and `--payload`."""
+    parser.add_argument(
+        '--set',
+        action='append',
+        default=[],
+        metavar='PATH=VALUE',
+        help='change a number of the model, such as beam.upper_arm.y.ei=9e4; repeatable',
+    )
+    parser.add_argument(
+        '--payload',
+        action='append',
+        default=[],
+        metavar='LINK=MASS[,X,Y,Z]',
+        help='add a mass [kg] to a link, with its centre in the link frame [m]; repeatable',
+    )
+
+
+def overrides_of(settings: Sequence[str], payloads: Sequence[str]) -> dict[str, Any]:
+    """Return overrides by dotted path.
+
+    Parameters
+    ----------
+    settings : sequence of str
+        `path=value` each.
+    payloads : sequence of str
+        `link=mass` or `link=mass,x,y,z` each.
+
+    Raises
+    ------
+    ConfigError
+        With every text that is neither.
+    """
+    findings: list[str] = []
+    overrides: dict[str, Any] = {}
+    for setting in settings:
+        if (parsed := parse_setting(setting, findings)) is not None:
+            overrides['.'.join(parsed[0])] = parsed[1]
+    form = 'LINK=MASS or LINK=MASS,X,Y,Z'
+    hung = named_values('--payload', payloads, form, _mass_and_centre, findings)
+    require(findings)
+    for link, (mass, *centre) in hung.items():
+        overrides[f'payload.{link}.mass'] = mass
+        if centre:
+            overrides[f'payload.{link}.com'] = centre
+    return overrides
+
+
+def _mass_and_centre(text: str) -> list[float]:
+    """Return MASS or MASS,X,Y,Z as numbers; ValueError for another text."""
+    values = [float(number) for number in text.split(',')]
+    if len(values) not in (1, 4):
+        raise ValueError(text)
+    return values

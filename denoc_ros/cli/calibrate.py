@@ -6,16 +6,18 @@ import argparse
 import json
 import math
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from denoc_ros.bags.readings import read_readings
+import numpy as np
+
+from denoc_ros.bags.readings import read_inertial, read_readings
+from denoc_ros.bags.series import read_joint_states
 from denoc_ros.cli.arguments import add_gravity
-from denoc_ros.cli.calibrate_mounting import run_mounting
 from denoc_ros.cli.config import find_file
-from denoc_ros.cli.exit_statuses import DOUBTFUL, NOT_IDENTIFIABLE
-from denoc_ros.cli.verbs import VERBS
-from denoc_ros.cli.written_description import write_description
+from denoc_ros.cli.verbs import DOUBTFUL, NOT_IDENTIFIABLE, VERBS
+from denoc_ros.dynamics.measured_side import measured_robot
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.errors import ConfigError, IdentificationError
 from denoc_ros.estimation.calibration import (
@@ -26,11 +28,123 @@ from denoc_ros.estimation.calibration import (
     match_levels,
     sensor_values,
 )
+from denoc_ros.estimation.joint_motion import smooth
+from denoc_ros.estimation.mounting import Mounting, calibrate_mounting
 from denoc_ros.identification.tables import read_sheet
 from denoc_ros.model.overrides import edited_description
+from denoc_ros.model.remounting import remounted_description
 from denoc_ros.model.sensors import wrench_field
+from denoc_ros.output_files import write_new, write_text
+from denoc_ros.types import Array
 
+MOST = 1000  # readings, evenly out of all: the amplitudes of each are in equilibrium
+CUTOFF = 5.0  # Hz, of the joints' motion: vibration is not what is looked for
 KINDS = ('value', 'deflection', 'load')
+
+
+def write_description(args: argparse.Namespace, file: Path, text: Callable[[], str]) -> str:
+    """Write a changed description to the chosen file; return its path, '' without one.
+
+    Parameters
+    ----------
+    args : argparse.Namespace
+        With `write` and `output`.
+    file : Path
+        The robot's file.
+    text : callable
+        Makes the description.
+
+    Raises
+    ------
+    ConfigError
+        Both places are chosen, or the file cannot be written.
+    BagError
+        The new file exists already.
+    """
+    target = file if args.write else args.output
+    if target is None:
+        return ''
+    if args.write and args.output is not None:
+        raise ConfigError('--write', ['only one of --write and --output must be given, got both'])
+    if args.write:
+        write_text(file, text())
+    else:
+        write_new(target, text())
+    return str(target)
+
+
+def run_mounting(args: argparse.Namespace, file: Path, robot: Robot) -> int:
+    """Fit, show and write; return the exit status."""
+    robot = measured_robot(robot)
+    try:
+        found = calibrate_mounting(robot, args.sensor, *_record(args, robot))
+    except IdentificationError as error:
+        print(f'denoc calibrate: {error}', file=sys.stderr)
+        return NOT_IDENTIFIABLE
+    written = write_description(
+        args, file, lambda: remounted_description(file, args.sensor, found.rotation)
+    )
+    _show_mounting(args, found, written)
+    return DOUBTFUL if found.doubts else 0
+
+
+def _record(args: argparse.Namespace, robot: Robot) -> tuple[Array, Array, Array, Array]:
+    """Return motion (k, n) three times and readings of the bag."""
+    (sensor,) = (s for s in robot.tree.inertial_sensors if s.name == args.sensor)
+    if not sensor.topic:
+        raise ConfigError(str(args.robot), [f'sensor {sensor.name!r} must have a topic, got none'])
+    stamp_ns, readings = read_inertial(args.readings, sensor.topic)
+    joints = read_joint_states(args.readings, names=robot.joint_names)
+    inside = np.flatnonzero(
+        (stamp_ns >= joints.stamp_ns.min(initial=np.iinfo(np.int64).max))
+        & (stamp_ns <= joints.stamp_ns.max(initial=0))
+    )
+    if len(inside) < 10:
+        raise IdentificationError(
+            f'{args.sensor}: at least 10 readings must come with joint states, got {len(inside)}'
+        )
+    chosen = inside[np.linspace(0, len(inside) - 1, min(MOST, len(inside))).astype(int)]
+    begin = joints.stamp_ns[0]
+    rising = np.flatnonzero(np.diff(joints.stamp_ns, prepend=begin - 1) > 0)
+    t = 1e-9 * (joints.stamp_ns[rising] - begin)
+    rates = joints.velocity[rising]
+    motion = smooth(
+        t, joints.position[rising], rates if np.isfinite(rates).all() else None, cutoff=CUTOFF
+    )
+    at = 1e-9 * (stamp_ns[chosen] - begin)
+    q, qd, qdd = (
+        np.column_stack([np.interp(at, t, column) for column in part.T])
+        for part in (motion.q, motion.qd, motion.qdd)
+    )
+    whole = np.zeros((3, len(at), robot.n))
+    whole[0] = robot.static_deflection(q)
+    whole[1][:, robot.joint_indices], whole[2][:, robot.joint_indices] = qd, qdd
+    return whole[0], whole[1], whole[2], readings[chosen]
+
+
+def _show_mounting(args: argparse.Namespace, found: Mounting, written: str) -> None:
+    if args.json:
+        row = {
+            key: value.tolist() if hasattr(value, 'tolist') else value
+            for key, value in vars(found).items()
+        }
+        print(json.dumps({'sensor': args.sensor, **row, 'written': written}, indent=2))
+        return
+    degrees = math.degrees(found.angle), math.degrees(found.angle_error)
+    print(f'{args.sensor}: turned by {degrees[0]:.3f} +- {degrees[1]:.2g} deg on its link')
+    for name, bias, error, residual, unit in (
+        ('gyro', found.gyro_bias, found.gyro_bias_error, found.gyro_residual, 'rad/s'),
+        ('accel', found.accel_bias, found.accel_bias_error, found.accel_residual, 'm/s^2'),
+    ):
+        if residual > 0.0:
+            listed = '  '.join(
+                f'{x:.5g} +- {e:.2g}' for x, e in zip(bias.tolist(), error.tolist(), strict=True)
+            )
+            print(f'{name}_bias   {listed} {unit}, residual {residual:.3g}')
+    for doubt in found.doubts:
+        print(f'doubtful: {doubt}')
+    if written:
+        print(f'written     {written}')
 
 
 def add_parser(subparsers: Any) -> None:

@@ -8,8 +8,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from denoc_ros.cli.arguments import add_gravity, given_file
-from denoc_ros.cli.overrides import add_overrides, overrides_of
+from denoc_ros.cli.arguments import add_gravity, add_overrides, given_file, overrides_of
 from denoc_ros.cli.postures import add_postures, posture, read_postures
 from denoc_ros.cli.verbs import VERBS
 from denoc_ros.dynamics.robot import Robot

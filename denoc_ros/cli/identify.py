@@ -5,9 +5,12 @@ from __future__ import annotations
 import argparse
 import importlib
 import os
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from denoc_ros.cli.verbs import ACTION_MODULES, ACTIONS, VERBS
+
+if TYPE_CHECKING:
+    from denoc_ros.cli.verb_result import VerbResult
 
 # thousands of small solutions: threads wait for each other, on a busy machine for most of the
 # time; read when numpy is first imported
@@ -31,9 +34,15 @@ def add_parser(subparsers: Any, named: str = '') -> None:
         return
     modules = [ACTION_MODULES[named]] if named in ACTION_MODULES else ACTION_MODULES.values()
     for module in dict.fromkeys(modules):
-        importlib.import_module(f'denoc_ros.cli.{module}').add_actions(actions)
+        for action in importlib.import_module(f'denoc_ros.cli.{module}').DECLARED:
+            one = actions.add_parser(
+                action.name, help=ACTIONS[action.name], description=action.description
+            )
+            action.add_options(one)
+            one.set_defaults(act=action.run)
 
 
-def run(args: argparse.Namespace) -> int:
-    """Run the action and return the exit status; errors are raised."""
-    return int(args.act(args))
+def run(args: argparse.Namespace) -> VerbResult:
+    """Run the action and return its result; errors are raised."""
+    result: VerbResult = args.act(args)
+    return result

@@ -10,8 +10,7 @@ from typing import Any
 from tqdm import tqdm
 
 from denoc_ros.bags.recover import recover
-from denoc_ros.cli.exit_statuses import DOUBTFUL
-from denoc_ros.cli.verbs import VERBS
+from denoc_ros.cli.verbs import DOUBTFUL, VERBS
 
 
 def add_parser(subparsers: Any) -> None:

@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from denoc_ros.cli.arguments import given_file, named_values, require
-from denoc_ros.cli.exit_statuses import DOUBTFUL
-from denoc_ros.cli.verbs import VERBS
+from denoc_ros.cli.verbs import DOUBTFUL, VERBS
 from denoc_ros.errors import ConfigError, ModelError
 from denoc_ros.output_files import require_new, whole_file, write_new
 from denoc_ros.reports.text_table import text_table

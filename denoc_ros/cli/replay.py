@@ -12,19 +12,19 @@ from typing import Any
 
 from denoc_ros.cli.arguments import (
     add_gravity,
+    add_overrides,
     add_stamp,
     add_times,
     named_values,
     number_range,
+    overrides_of,
     require,
     times_findings,
     unused,
 )
-from denoc_ros.cli.exit_statuses import DOUBTFUL
-from denoc_ros.cli.overrides import add_overrides, overrides_of
 from denoc_ros.cli.progress import share_bar
-from denoc_ros.cli.recorded_run import robot_source
-from denoc_ros.cli.verbs import VERBS
+from denoc_ros.cli.verbs import DOUBTFUL, VERBS
+from denoc_ros.cli.view import robot_source
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.errors import BagError
 from denoc_ros.estimation.tracker_settings import TrackerSettings
@@ -228,7 +228,7 @@ def _as_bag(args: argparse.Namespace, path: Path, robot: Robot) -> Iterator[Path
     """Yield the bag to be read: the one that was given, or one made of a table for now."""
     findings: list[str] = []
     columns = named_values('--column', args.column, 'JOINT.FIELD=COLUMN', str, findings)
-    require(findings + times_findings(args))
+    require(findings + times_findings(args.rate))
     if not is_table(path):
         if columns:
             raise BagError(f'{path}: --column must come with a table, got a bag')

@@ -11,11 +11,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from denoc_ros.cli.arguments import add_gravity, given_file, named_values, require
+from denoc_ros.cli.arguments import (
+    add_gravity,
+    add_overrides,
+    given_file,
+    named_values,
+    overrides_of,
+    require,
+)
 from denoc_ros.cli.config import flatten, read_yaml
-from denoc_ros.cli.motion_file import read_motion
-from denoc_ros.cli.overrides import add_overrides, overrides_of
-from denoc_ros.cli.plan_file import write_plan
+from denoc_ros.cli.motion_file import read_motion, write_plan
 from denoc_ros.cli.progress import share_bar
 from denoc_ros.cli.verbs import VERBS
 from denoc_ros.control.plan import Plan
@@ -27,8 +32,7 @@ from denoc_ros.output_files import require_new, write_text
 from denoc_ros.reports.pages import engineering
 from denoc_ros.reports.provenance import named_file, provenance
 from denoc_ros.reports.run_files import EARTH
-from denoc_ros.reports.shape import page
-from denoc_ros.reports.shape_comparison import compare
+from denoc_ros.reports.shape import compare, page
 
 METHODS = ('tip', 'zv', 'zvd', 'ei', 'rest_to_rest')
 BASES = ('free_floating', 'free_flying')

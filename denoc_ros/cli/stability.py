@@ -10,10 +10,9 @@ from typing import Any
 import numpy as np
 
 from denoc_ros.cli.arguments import given_file
-from denoc_ros.cli.exit_statuses import DOUBTFUL
 from denoc_ros.cli.progress import share_bar
-from denoc_ros.cli.scenario_runs import load
-from denoc_ros.cli.verbs import VERBS
+from denoc_ros.cli.simulate import load
+from denoc_ros.cli.verbs import DOUBTFUL, VERBS
 from denoc_ros.output_files import write_text
 from denoc_ros.reports.provenance import named_file, provenance
 from denoc_ros.reports.stability import page

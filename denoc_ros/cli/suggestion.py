@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from denoc_ros.cli.exit_statuses import DOUBTFUL
+from denoc_ros.cli.verbs import DOUBTFUL
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.errors import ConfigError
 from denoc_ros.model.suggest.beam import BeamSuggestion

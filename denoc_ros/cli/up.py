@@ -15,23 +15,21 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from denoc_ros.bags.series import read_joint_states
-from denoc_ros.cli.conclusion import conclude, print_summary
-from denoc_ros.cli.config import SessionConfig, load_config
+from denoc_ros.cli.config import AUTO, REAL, SIMULATED, TIMES, SessionConfig, load_config
 from denoc_ros.cli.interrupts import Interrupts
-from denoc_ros.cli.kernels_ahead import compile_all, estimate, kernels
 from denoc_ros.cli.node_parameters import check_parameters, session_plant
 from denoc_ros.cli.processes import Processes, free_domain
 from denoc_ros.cli.progress import Progress
 from denoc_ros.cli.session import Session, Task, session_nodes
-from denoc_ros.cli.session_file import SessionFile
+from denoc_ros.cli.session_file import SessionFile, conclude, print_summary
 from denoc_ros.cli.shaped_phases import plans_of, started_on_the_plan
-from denoc_ros.cli.time_modes import AUTO, REAL, SIMULATED, TIMES
 from denoc_ros.cli.verbs import VERBS
+from denoc_ros.cli.warmup import compile_all, estimate, kernels
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.errors import ConfigError, DenocError
 from denoc_ros.model.mjcf import SEGMENTS
 from denoc_ros.model.plant_description import description_in_words
-from denoc_ros.reports.versions import versions
+from denoc_ros.reports.provenance import versions
 from denoc_ros.simulation.reference import trajectory_from_config
 
 if TYPE_CHECKING:  # an optional extra

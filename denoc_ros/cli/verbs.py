@@ -1,4 +1,4 @@
-"""Verbs of `denoc` and actions of `denoc identify`, with a line of help each."""
+"""Verbs of `denoc` and actions of `denoc identify`, with a line of help each; exit statuses."""
 
 from __future__ import annotations
 
@@ -40,17 +40,22 @@ ACTIONS = {
 
 # module of an action
 ACTION_MODULES = {
-    'info': 'identify_records',
-    'segment': 'identify_records',
-    'modal': 'identify_modal',
-    'joint': 'identify_joint',
-    'forced': 'identify_forced',
+    **dict.fromkeys(('info', 'segment', 'modal', 'joint', 'forced'), 'identify_records'),
     'servo': 'identify_servo',
-    'model': 'identify_model',
-    'excite': 'identify_excite',
-    'apply': 'identify_results',
-    'compare': 'identify_results',
-    'postures': 'identify_results',
+    **dict.fromkeys(('model', 'excite'), 'identify_model'),
+    **dict.fromkeys(('apply', 'compare', 'postures'), 'identify_results'),
     'selftest': 'identify_selftest',
 }
 DEFAULT_ACTION = 'modal'
+
+BAD_INPUT = 1
+DOUBTFUL = 2
+NOT_IDENTIFIABLE = 3
+INTERRUPTED = 130  # 128 + SIGINT, as shells report it
+
+VERDICTS = {'good': 0, 'doubtful': DOUBTFUL, 'not identifiable': NOT_IDENTIFIABLE}
+
+
+def exit_status(verdict: str) -> int:
+    """Return the exit status of a verdict: good, doubtful or not identifiable."""
+    return VERDICTS[verdict]

@@ -34,7 +34,7 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from denoc_ros.cli.kernels_ahead import HEAVY, all_kernels
+from denoc_ros.cli.warmup import HEAVY, all_kernels
 from denoc_ros.kernels.cache import SUFFIX
 from denoc_ros.trajectories import SplineTrajectory
 

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from denoc_ros.estimation.joint_motion import LocalPolynomials, SmoothedMotion, smooth
-from denoc_ros.identification.model.robust import noise_of
-from denoc_ros.identification.model.spikes import without_spikes
+from denoc_ros.identification.model.robust import noise_of, without_spikes
 from denoc_ros.types import Array, Flags
 
 FINEST = 0.3  # of the sampling rate: the cutoff of smoothing, as high as it goes

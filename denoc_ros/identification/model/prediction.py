@@ -18,13 +18,11 @@ from denoc_ros.estimation.joint_friction import JointFriction
 from denoc_ros.estimation.joint_motion import SmoothedMotion, stretch_starts
 from denoc_ros.estimation.torque_along import TorqueReplay
 from denoc_ros.identification.model.free_parameters import SearchPoint
-from denoc_ros.identification.model.innovations import LinkedRows, linked_rows
+from denoc_ros.identification.model.innovations import LinkedRows, NearbyMotion, linked_rows
 from denoc_ros.identification.model.measured_motion import FINEST, measured_motion
-from denoc_ros.identification.model.nearby_motion import NearbyMotion
 from denoc_ros.identification.model.recording import Recording
-from denoc_ros.identification.model.robust import noise_of
+from denoc_ros.identification.model.robust import noise_of, without_spikes
 from denoc_ros.identification.model.sensed import MeasuredSignal, SensedChannels
-from denoc_ros.identification.model.spikes import without_spikes
 from denoc_ros.types import Array
 
 PER_CUTOFF = 4.0  # samples of a smoothed channel that are kept, per period of the cutoff
