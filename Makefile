@@ -17,7 +17,7 @@ ifdef AMENT_PREFIX_PATH
 unexport AMENT_PREFIX_PATH CMAKE_PREFIX_PATH LD_LIBRARY_PATH PYTHONPATH RMW_IMPLEMENTATION
 endif
 
-# a file's tests share what they need; test/conftest.py has the order of files
+# a file's tests share what they need; conftest.py has the order of files
 LONGEST_FIRST := --dist loadfile --no-loadscope-reorder
 
 BROWSERS := chromium chromium-browser google-chrome
@@ -86,79 +86,79 @@ docs: $(STAMP)
 # three minutes: the package as the index would give it, in an empty environment, tried from end to end
 smoke: $(STAMP)
 	$(PIP) build
-	PYTHONPATH=test:test/support $(BIN)/python -m campaign.smoke
+	PYTHONPATH=campaigns:test:test/support $(BIN)/python -m trust.smoke
 
 # how the code is built: lines, lengths, arguments, repeated names, import circles
 counts:
-	$(PYTHON) test/bench/counts.py
+	$(PYTHON) campaigns/bench/counts.py
 
 bench: $(STAMP)
 	$(BIN)/denoc bench
-	$(BIN)/python test/bench/tick_latency.py
+	$(BIN)/python campaigns/bench/tick_latency.py
 
 # minutes: denoc identify model beside mujoco.sysid and figaroh, which it installs
 peers: $(STAMP)
 	$(PIP) 'mujoco[sysid]' figaroh
-	PYTHONPATH=test:test/support $(BIN)/python -m bench.identify_peers
+	PYTHONPATH=campaigns:test:test/support $(BIN)/python -m bench.identify_peers
 
 # two minutes: the flexible five-bar beside Exudyn's finite elements; the circle of section 5.5
 mechanisms: $(STAMP)
-	PYTHONPATH=test:test/support $(BIN)/python -m bench.exudyn_five_bar
-	PYTHONPATH=test:test/support $(BIN)/python -m bench.platform_circle docs/platform_circle.png
+	PYTHONPATH=campaigns:test:test/support $(BIN)/python -m bench.exudyn_five_bar
+	PYTHONPATH=campaigns:test:test/support $(BIN)/python -m bench.platform_circle docs/platform_circle.png
 
 # half an hour: tip-exact plans by their torque alone and with joints on the plan, in MuJoCo
 tips: $(STAMP)
-	PYTHONPATH=test:test/support $(BIN)/python -m bench.mujoco_tips
+	PYTHONPATH=campaigns:test:test/support $(BIN)/python -m bench.mujoco_tips
 
 # a quarter of an hour: minimum time against one factor and against TOPP-RA
 fastest: $(STAMP)
-	PYTHONPATH=test:test/support $(BIN)/python -m bench.fastest
+	PYTHONPATH=campaigns:test:test/support $(BIN)/python -m bench.fastest
 
 # seven minutes: the demo's nodes at 1000 and at 500 Hz beside bare ones
 rates: $(STAMP)
-	PYTHONPATH=test:test/support $(BIN)/python -m bench.rates
+	PYTHONPATH=campaigns:test:test/support $(BIN)/python -m bench.rates
 
 # ten minutes of faults: what must never move a robot wrongly, hang a node or need cleaning up
 soak: $(STAMP)
-	PYTHONPATH=test:test/support $(BIN)/python -m campaign.run --minutes 10
+	PYTHONPATH=campaigns:test:test/support $(BIN)/python -m trust.run --minutes 10
 
 # two hours: 500 ends of each node, from every phase of its life, by every signal
 ends: $(STAMP)
-	PYTHONPATH=test:test/support $(BIN)/python -m campaign.ends_campaign --count 500
-	PYTHONPATH=test:test/support $(BIN)/python -m campaign.session_ends --count 100
+	PYTHONPATH=campaigns:test:test/support $(BIN)/python -m trust.ends_campaign --count 500
+	PYTHONPATH=campaigns:test:test/support $(BIN)/python -m trust.session_ends --count 100
 
 # an hour of whatever can be sent to all five nodes, drawn at random; what fails is shrunk to a few steps
 siege: $(STAMP)
-	PYTHONPATH=test:test/support $(BIN)/python -m campaign.siege --minutes 60 --json runs/siege.json
+	PYTHONPATH=campaigns:test:test/support $(BIN)/python -m trust.siege --minutes 60 --json runs/siege.json
 
 # ten minutes: a bag of 1 GB, made on the spot and replayed
 longbag: $(STAMP)
-	PYTHONPATH=test:test/support $(BIN)/python -m bench.long_bag
+	PYTHONPATH=campaigns:test:test/support $(BIN)/python -m bench.long_bag
 
 # four minutes: a minute of 50 topics with 5 MB/s, all recorded; what that costs a loop beside it
 load: $(STAMP)
-	PYTHONPATH=test:test/support $(BIN)/python -m bench.recorder_load --seconds 60
-	PYTHONPATH=test:test/support $(BIN)/python -m bench.loop_lateness
+	PYTHONPATH=campaigns:test:test/support $(BIN)/python -m bench.recorder_load --seconds 60
+	PYTHONPATH=campaigns:test:test/support $(BIN)/python -m bench.loop_lateness
 
 # three minutes: what the viewer costs the loops of the SSRMS beside it
 watched: $(STAMP)
-	PYTHONPATH=test:test/support $(BIN)/python -m bench.viewer_lateness
+	PYTHONPATH=campaigns:test:test/support $(BIN)/python -m bench.viewer_lateness
 
 # twenty minutes: what ten minutes of requests cost a loop of the SSRMS
 requests: $(STAMP)
-	PYTHONPATH=test:test/support $(BIN)/python -m bench.request_lateness --minutes 10
+	PYTHONPATH=campaigns:test:test/support $(BIN)/python -m bench.request_lateness --minutes 10
 
 # ten minutes, 3 GB on the disk
 longload: $(STAMP)
-	PYTHONPATH=test:test/support $(BIN)/python -m bench.recorder_load --seconds 600
+	PYTHONPATH=campaigns:test:test/support $(BIN)/python -m bench.recorder_load --seconds 600
 
 # an hour: a hundred random robots whose model is off, identified blind; what is found, and what is said of it
 identification: $(STAMP)
-	PYTHONPATH=test:test/support $(BIN)/python -m bench.identify_truth --count 100 --json runs/identification.json
+	PYTHONPATH=campaigns:test:test/support $(BIN)/python -m bench.identify_truth --count 100 --json runs/identification.json
 
 # two minutes: verdicts on records as strangers make them
 strangers: $(STAMP)
-	PYTHONPATH=test:test/support $(BIN)/python -m bench.identify_strangers --count 500
+	PYTHONPATH=campaigns:test:test/support $(BIN)/python -m bench.identify_strangers --count 500
 
 # a quarter of an hour: all tests of the dynamics with kernels that check every offset
 bounds: $(STAMP)

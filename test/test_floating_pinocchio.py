@@ -10,13 +10,12 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from base_robots import description, floating, root_of, spacecraft
-from numpy.typing import NDArray
 from test_rigid_limit_pinocchio import EXAMPLES, Peer, close, identity, read, without_dynamics
 
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.dynamics.rotations import left_jacobians
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 # the recursions differ by rounding; states of 1 rad and 1 m, up to 118 coordinates
 RELATIVE = 1e-10
 

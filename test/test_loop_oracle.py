@@ -5,11 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from loop_oracle import LoopOracle
-from numpy.typing import NDArray
 
 from denoc_ros.model.urdf import load_tree
-
-Array = NDArray[np.float64]
 
 MASS, LENGTH, G = 2.0, 0.8, 9.81
 STAGES = """<robot name="pinned"><link name="base"/><link name="cart"/><link name="lift"/>

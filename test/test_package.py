@@ -17,9 +17,9 @@ from pathlib import Path
 
 import pytest
 import yaml
-from campaign.smoke import inside_script, lost_links, tried
 from packaging.requirements import Requirement
 from packaging.utils import NormalizedName, canonicalize_name
+from trust.smoke import inside_script, lost_links, tried
 
 from denoc_ros.cli.config import NODES
 from denoc_ros.reports.provenance import source_commit

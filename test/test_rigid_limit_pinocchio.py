@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from strategies import law, robots
 
 from denoc_ros.dynamics.robot import Robot, load_robot
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 # a <robot> with no name; mimic joints of a leader that is not there; no joint that moves (two)
 LEFT_OUT = {'ur3.urdf', 'alex_psyonic_hands.urdf', 'quadrotor_base.urdf', 'iris_simple.urdf'}
 EXAMPLES = sorted(

@@ -34,7 +34,7 @@ def add_parser(subparsers: Any, named: str = '') -> None:
         return
     modules = [ACTION_MODULES[named]] if named in ACTION_MODULES else ACTION_MODULES.values()
     for module in dict.fromkeys(modules):
-        for action in importlib.import_module(f'denoc_ros.cli.{module}').DECLARED:
+        for action in importlib.import_module(f'denoc_ros.{module}').DECLARED:
             one = actions.add_parser(
                 action.name, help=ACTIONS[action.name], description=action.description
             )

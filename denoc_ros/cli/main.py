@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import NoReturn
 
 from denoc_ros.cli.interrupts import interrupt, is_made_by_interrupt
-from denoc_ros.cli.verbs import ACTIONS, BAD_INPUT, DEFAULT_ACTION, INTERRUPTED, VERBS
+from denoc_ros.cli.verbs import ACTIONS, BAD_INPUT, DEFAULT_ACTION, INTERRUPTED, STUDIES, VERBS
 from denoc_ros.errors import DenocError
 
 LONGEST = 2000  # characters of a line of a message
@@ -134,7 +134,8 @@ def build_parser(arguments: Sequence[str] = ()) -> Parser:
             subparsers.add_parser(name, help=text)
         return parser
     verb = arguments[0]
-    module = importlib.import_module(f'denoc_ros.cli.{verb}')
+    room = 'studies' if verb in STUDIES else 'cli'
+    module = importlib.import_module(f'denoc_ros.{room}.{verb}')
     if verb == 'identify':
         module.add_parser(subparsers, arguments[1] if len(arguments) > 1 else '')
     else:

@@ -38,13 +38,16 @@ ACTIONS = {
     'selftest': 'accuracy of the estimators on synthetic decays with known truth',
 }
 
-# module of an action
+# verbs of the room of studies, which no other room imports
+STUDIES = ('dh', 'stability', 'bench')
+
+# module of an action, in denoc_ros
 ACTION_MODULES = {
-    **dict.fromkeys(('info', 'segment', 'modal', 'joint', 'forced'), 'identify_records'),
-    'servo': 'identify_servo',
-    **dict.fromkeys(('model', 'excite'), 'identify_model'),
-    **dict.fromkeys(('apply', 'compare', 'postures'), 'identify_results'),
-    'selftest': 'identify_selftest',
+    **dict.fromkeys(('info', 'segment', 'modal', 'joint', 'forced'), 'cli.identify_records'),
+    'servo': 'cli.identify_servo',
+    **dict.fromkeys(('model', 'excite'), 'cli.identify_model'),
+    **dict.fromkeys(('apply', 'compare', 'postures'), 'cli.identify_results'),
+    'selftest': 'studies.selftest',
 }
 DEFAULT_ACTION = 'modal'
 

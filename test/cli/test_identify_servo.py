@@ -8,14 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from numpy.typing import NDArray
 from page_look import require_one_look
 
 from denoc_ros.bags.writer import BagWriter
 from denoc_ros.cli.main import main
 from denoc_ros.control.servo import joint_servo
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 STEP = 0.004
 SECOND = 10**9
 NAMES = ['j1', 'j2']

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from feedback_runs import PERIOD, Loop, Planned, canadarm, closed, described, tip_exact
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
+
 STIFFNESS, DAMPING = 2000.0, 200.0  # N/m, N s/m
 DEPTH = 0.01  # m: so far the planned path goes beyond the wall's face
 

@@ -7,11 +7,10 @@ import numpy as np
 import pytest
 from control_runs import Reference, carried_out, strayed
 from geared_arm import arm_text
-from numpy.typing import NDArray
 
 import denoc_ros as dn
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 ARMS = {
     'tool': (arm_text(), np.array([0.2, 0.5]), np.array([0.8, 0.5])),
     'link6': (mujoco_arm.urdf(), np.linspace(0.2, 0.5, 6), np.linspace(0.8, 0.5, 6)),

@@ -6,7 +6,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from feedback_runs import PERIOD, START, Array, Loop, canadarm, described, tip_exact
+from feedback_runs import PERIOD, START, Loop, canadarm, described, tip_exact
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -20,6 +20,7 @@ from denoc_ros.control.read_values import chosen_values, read_sensors
 from denoc_ros.control.residual_modes import with_residual_modes, without_armature
 from denoc_ros.control.state_feedback import FADE, RAMP, HandOver, StateFeedback
 from denoc_ros.dynamics.robot import Robot
+from denoc_ros.types import Array
 
 LIMITS = np.full(3, 5000.0)
 SETTINGS = FeedbackSettings(period=PERIOD, tip='tool', delay=1.5 * PERIOD)

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from base_robots import description
 from control_runs import cycloid
-from numpy.typing import NDArray
 
 import denoc_ros as dn
 from denoc_ros.control.carried_out import carry_out, planned
@@ -17,7 +16,6 @@ from denoc_ros.control.shaped_samples import rest_spline
 from denoc_ros.dynamics.feedforward import TorqueFeedforward
 from denoc_ros.dynamics.held_base import held_robot
 
-Array = NDArray[np.float64]
 EARTH = np.array([0.0, 0.0, -9.81])  # it must not matter: the spacecraft falls freely
 DURATION = 6.0
 TIMES = np.linspace(0.0, DURATION, 121)

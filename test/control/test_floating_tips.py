@@ -9,12 +9,11 @@ import numpy as np
 import pytest
 from base_robots import description, floating, spacecraft
 from control_runs import ROBOTS, Reference, carried_out, cycloid
-from numpy.typing import NDArray
 
 import denoc_ros as dn
 from denoc_ros.control.plan import Plan
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 TIMES = np.linspace(0.0, 10.0, 301)
 CANADARM = cycloid(np.radians([10.0, 40.0, 30.0]), np.radians([60.0, 45.0, 30.0]), 10.0)
 REGULAR = np.array([0.2, 0.5, -0.9, 0.4, 0.3, 0.2])

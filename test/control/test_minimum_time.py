@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 import toppra
 from control_runs import ROBOTS, cycloid
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from toppra import algorithm, constraint
 
@@ -14,7 +13,6 @@ import denoc_ros as dn
 from denoc_ros.control.limit_rows import LimitRows, Moments, motion_limits
 from denoc_ros.control.timing import Timing, TimingBasis
 
-Array = NDArray[np.float64]
 TIMES = np.linspace(0.0, 10.0, 201)
 CANADARM = cycloid(np.radians([10.0, 40.0, 30.0]), np.radians([60.0, 45.0, 30.0]), 10.0)
 EFFORT = {'joint_1': 1500.0, 'joint_2': 700.0, 'joint_3': 180.0}

@@ -9,15 +9,14 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from numpy.typing import NDArray
 from shaped_runs import cycloid, held_spline, swing_after
 
 import denoc_ros as dn
 from denoc_ros.cli.main import main
 from denoc_ros.control.mode_table import ModeTable, read_mode_table
 from denoc_ros.errors import ConfigError, StateError
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 GANTRY = """<robot name="gantry">
   <link name="frame"/>
   <link name="bridge"><inertial><mass value="2"/>

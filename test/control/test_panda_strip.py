@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from panda_strip import ACCELERATION, DURATION, JERK, panda_strip, plain_motion
 from shaped_runs import swing_after
 
@@ -13,8 +12,8 @@ from denoc_ros.control.rest_to_rest import RestMotion, rest_to_rest
 from denoc_ros.control.servo import joint_servo
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import StateError
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 TIP = 'strip_tip'
 
 

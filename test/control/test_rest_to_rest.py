@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from shaped_runs import cycloid, simulated_swing, swing_after
 
 import denoc_ros as dn
@@ -12,8 +11,7 @@ from denoc_ros.control.joint_limits import joint_limits
 from denoc_ros.control.rest_to_rest import RestMotion, rest_to_rest
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import SolverError, StateError
-
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 
 def two_links(gravity: tuple[float, float, float] = (0, 0, 0)) -> Robot:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
 from shaped_runs import cycloid, simulated_swing, swing_after
 
@@ -14,8 +13,8 @@ from denoc_ros.control.shaped_samples import shape_samples
 from denoc_ros.control.stream_shaper import StreamShaper
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import SolverError, StateError
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 MOTIONS = [((0.0, 0.0), (1.0, 1.0), 0.8), ((0.0, 1.0), (1.0, 0.0), 1.0)]
 
 

@@ -5,13 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from control_runs import ROBOTS, carried_out, cycloid
-from numpy.typing import NDArray
 
 import denoc_ros as dn
 from denoc_ros.control.plan import Plan
 from denoc_ros.simulation.path import Circle, follow
 
-Array = NDArray[np.float64]
 LEGS = ('joint_11', 'joint_12', 'joint_13')
 CIRCLE = Circle('tool', np.array([0.25, 0.1443, 0.0]), 0.06, 1.0)
 NEAR = {

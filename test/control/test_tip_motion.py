@@ -5,12 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from control_runs import ROBOTS, carried_out, cycloid, strayed
-from numpy.typing import NDArray
 
 import denoc_ros as dn
 from denoc_ros.control.plan import Plan
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 TIMES = np.linspace(0.0, 10.0, 501)
 CANADARM = cycloid(np.radians([10.0, 40.0, 30.0]), np.radians([60.0, 45.0, 30.0]), 10.0)
 

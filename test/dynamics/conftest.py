@@ -6,9 +6,9 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
+
 Close = Callable[[Array, Array, float], None]
 
 

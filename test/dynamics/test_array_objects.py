@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from strategies import random_state, seeded_robot
 
 from denoc_ros.dynamics import workspace
@@ -16,8 +15,8 @@ from denoc_ros.kernels.array_object import NOWHERE, array_type
 from denoc_ros.kernels.compiled import entry
 from denoc_ros.kernels.handle import GOOD, MISFIT
 from denoc_ros.kernels.inverse import inverse_dynamics
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 Close = Callable[[Array, Array, float], None]
 State = tuple[Array, Array, Array]
 ROBOT = seeded_robot(3)

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from denoc_ros.dynamics.robot import Robot, load_robot
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 LENGTH, EI, DENSITY = 2.0, 350.0, 1.7
 GJ, POLAR = 90.0, 0.03
 NONE = (0.0, 0.0, 0.0)

@@ -7,13 +7,11 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from strategies import random_state, seeded_robot
 
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.errors import StateError
-
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 
 @pytest.fixture(scope='module')

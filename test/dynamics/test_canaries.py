@@ -9,14 +9,13 @@ import pytest
 from canaries import CANARY, ROOM, Canaries, guarded_workspace
 from looped_robots import random_closed
 from mechanisms import DOWN, START, mechanism
-from numpy.typing import NDArray
 from spring_oracle import elastic_robot
 from strategies import random_state, seeded_robot
 
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.dynamics.stepper import Stepper
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 ROWS = 70  # enough for two threads
 
 

@@ -11,15 +11,14 @@ import numpy as np
 import pytest
 from looped_robots import random_closed
 from numba.core.runtime import _nrt_python, rtsys
-from numpy.typing import NDArray
 from strategies import random_state, seeded_robot
 
 import denoc_ros.kernels
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.dynamics.stepper import Stepper
 from denoc_ros.kernels.compiled import DECLARED
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 Close = Callable[[Array, Array, float], None]
 
 

@@ -10,14 +10,13 @@ import pytest
 from loop_derivative_oracle import motion_derivatives
 from loop_oracle import LoopOracle
 from looped_robots import Closed, random_closed
-from numpy.typing import NDArray
 from scipy.linalg import null_space
 from strategies import random_state, seeded_robot
 
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.errors import StateError
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 Close = Callable[[Array, Array, float], None]
 # The oracle solves the whole system densely. The kernels square the rows' condition on their way,
 # which costs some of the sixteen digits.

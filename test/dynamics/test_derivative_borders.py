@@ -9,14 +9,13 @@ import numpy as np
 import pytest
 from looped_robots import random_closed
 from numba.core.runtime import _nrt_python, rtsys
-from numpy.typing import NDArray
 from strategies import random_state, seeded_robot
 
-from denoc_ros.bench.chains import flexible_chain
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.errors import StateError
+from denoc_ros.studies.benchmarks.peers import flexible_chain
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 KernelOperation = Callable[..., Sequence[Array]]
 VERBS = ('inverse', 'forward', 'hybrid')
 

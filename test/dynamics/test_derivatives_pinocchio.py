@@ -7,12 +7,11 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
-from numpy.typing import NDArray
 from test_rigid_limit_pinocchio import EXAMPLES, identity, peer_of, read, states, without_dynamics
 
 from denoc_ros.dynamics.robot import load_robot
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 RELATIVE = 1e-9
 
 

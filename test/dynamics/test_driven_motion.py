@@ -7,16 +7,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from denoc_ros.dynamics.driven_motion import LoopedMotion
 from denoc_ros.dynamics.equilibrium import UnsettledError
 from denoc_ros.dynamics.feedforward import TorqueFeedforward
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.errors import SolverError, StateError
+from denoc_ros.types import Array
 
 ROBOTS = Path(__file__).parents[2] / 'config' / 'robots'
-Array = NDArray[np.float64]
 DRIVEN = ('joint_1', 'joint_3')
 START = np.radians([108.0, -72.0, 72.0, 72.0])
 

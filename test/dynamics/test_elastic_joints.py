@@ -9,15 +9,14 @@ import numpy as np
 import pytest
 from geared_arm import arm_text
 from hypothesis import given
-from numpy.typing import NDArray
 from spring_oracle import GRAVITY, SpringOracle, elastic_robot
 from strategies import law, random_state, seeds
 
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.dynamics.springs import with_motors
 from denoc_ros.errors import SolverError
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 Close = Callable[[Array, Array, float], None]
 ROUNDING = 1e-9  # of modal integrals in two ways, and of a force by differences of an energy
 

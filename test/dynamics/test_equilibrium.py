@@ -7,14 +7,13 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from hypothesis import given
-from numpy.typing import NDArray
 from oracles import Oracle
 from scipy.linalg import eigh
 from strategies import law, random_state, robots, seeded_robot, seeds
 
 from denoc_ros.dynamics.robot import Robot, load_robot
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 Close = Callable[[Array, Array, float], None]
 
 

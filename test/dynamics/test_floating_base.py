@@ -18,7 +18,6 @@ from base_robots import (
 )
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from small_robots import joint as hinge
 from small_robots import link
@@ -29,8 +28,8 @@ from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.dynamics.rotations import left_jacobians, rotation_vectors
 from denoc_ros.dynamics.strain_damping import StrainDamping
 from denoc_ros.errors import StateError
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 GRAVITY = (1.0, -9.0, 3.0)
 ORIGIN = '<origin xyz="0.3 -0.2 0.5" rpy="0.4 -0.7 1.1"/>'
 RELATIVE = 1e-10  # rounding of two recursions over up to 26 coordinates

@@ -5,14 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from base_robots import description, floating, spacecraft
-from numpy.typing import NDArray
 
 import denoc_ros as dn
 from denoc_ros.dynamics.feedforward import TorqueFeedforward
 from denoc_ros.dynamics.reacting_base import ReactingBase
 from denoc_ros.dynamics.robot import Robot, load_robot
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 STEP = 2e-3
 END = 1.5
 

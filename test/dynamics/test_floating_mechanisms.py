@@ -5,12 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from base_robots import description, floating, spacecraft
-from numpy.typing import NDArray
 
 import denoc_ros as dn
 from denoc_ros.dynamics.robot import Robot, load_robot
-
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 
 def four_bar(name: str) -> tuple[Robot, Array, Array]:

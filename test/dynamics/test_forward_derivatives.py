@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 from oracles import Oracle
 from strategies import law, random_state, robots, seeded_robot, seeds
 
-from denoc_ros.bench.chains import flexible_chain
 from denoc_ros.dynamics.derivatives import HybridDerivatives
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.errors import SolverError, StateError
+from denoc_ros.studies.benchmarks.peers import flexible_chain
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 Index = NDArray[Any]
 Close = Callable[[Array, Array, float], None]
 GRAVITY = (0.7, -1.3, -9.6)

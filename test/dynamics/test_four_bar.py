@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from looped_robots import GROUND, LENGTHS, MASSES, four_bar, turning
-from numpy.typing import NDArray
 
 import denoc_ros as dn
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 CUTS = ('two', 'three', 'four')
 G = 9.81
 

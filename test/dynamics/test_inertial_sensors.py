@@ -6,15 +6,14 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from segmented_robots import spatial_text
 from strategies import random_state
 
 import denoc_ros as dn
 from denoc_ros.errors import StateError
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 Close = Callable[[Array, Array, float], None]
 
 GRAVITY = np.array([0.7, -1.3, -9.6])

@@ -9,14 +9,13 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from oracles import Oracle
 from strategies import law, random_state, robots, seeds
 
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.errors import StateError
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 Close = Callable[[Array, Array, float], None]
 GRAVITY = (0.7, -1.3, -9.6)
 ROUNDING = 1e-9  # of columns that are differentiated twice, over a chain of six bodies

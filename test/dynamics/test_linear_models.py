@@ -12,15 +12,14 @@ import pytest
 import scipy.signal
 from beam_closed_forms import HubBeam
 from beam_robots import beam_robot
-from numpy.typing import NDArray
 
 from denoc_ros.dynamics.linear_model import LinearModel
 from denoc_ros.dynamics.mechanism_modes import mechanism_modes
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.errors import DenocError, StateError
 from denoc_ros.simulation.simulate import simulate
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 BEAM = HubBeam(ei=120.0, density=1.5, length=1.6, tip_mass=0.8, hub=0.35)
 
 

@@ -7,15 +7,14 @@ from collections.abc import Callable
 
 import numpy as np
 from hypothesis import given
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from strategies import law, random_state, robots, seeded_robot, seeds
 
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.dynamics.stepper import Stepper
 from denoc_ros.kernels.compiled import DECLARED
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 Close = Callable[[Array, Array, float], None]
 
 

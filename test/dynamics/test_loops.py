@@ -9,14 +9,13 @@ import numpy as np
 import pytest
 from loop_oracle import LoopOracle
 from looped_robots import LOOPS, Closed, random_closed
-from numpy.typing import NDArray
 
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.stepper import Stepper
 from denoc_ros.errors import StateError
 from denoc_ros.model.constraints import directions
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 Close = Callable[[Array, Array, float], None]
 SEEDS = (1, 2, 3)
 

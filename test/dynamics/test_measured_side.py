@@ -8,7 +8,6 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from geared_arm import arm_text
-from numpy.typing import NDArray
 
 import denoc_ros as dn
 from denoc_ros.dynamics.feedforward import TorqueFeedforward
@@ -17,8 +16,8 @@ from denoc_ros.dynamics.measured_side import MeasuredStates, measured_equilibriu
 from denoc_ros.estimation.observer import Observer
 from denoc_ros.estimation.observer_settings import ObserverSettings
 from denoc_ros.model.tree import Spring
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 DURATION = 1.0  # s
 
 

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 import denoc_ros as dn
 from denoc_ros.dynamics import mechanism_modes as mechanism_modes_of
@@ -18,8 +17,7 @@ from denoc_ros.dynamics.equilibrium import Equilibrium
 from denoc_ros.dynamics.mechanism_modes import independent_joints, mechanism_modes
 from denoc_ros.dynamics.mobility import mobility
 from denoc_ros.dynamics.robot import Robot
-
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 GRAVITY = (0.0, -9.81, 0.0)
 POSTURES = {

@@ -7,13 +7,12 @@ from typing import Any
 import numpy as np
 import pytest
 from base_robots import SIX, base_motion, pair, states
-from numpy.typing import NDArray
 
 import denoc_ros as dn
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import StateError
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 GRAVITY = np.array([1.0, -9.0, 3.0])
 # rounding of two recursions, one six joints longer, over up to 26 coordinates
 RELATIVE = 1e-10

@@ -7,14 +7,13 @@ from collections.abc import Callable
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from oracles import Oracle
 from scipy.linalg import block_diag
 from strategies import law, random_state, robots, seeds
 
 from denoc_ros.dynamics.robot import Robot, load_robot
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 Close = Callable[[Array, Array, float], None]
 GRAVITY = (0.7, -1.3, -9.6)
 ROUNDING = 1e-10  # of modal integrals in two ways, over a chain of six bodies

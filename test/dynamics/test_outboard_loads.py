@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 import denoc_ros as dn
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 MASS, LENGTH, EI, TOOL, G = 3.0, 2.0, 2000.0, 1.0, 9.81  # kg/m, m, N m^2, kg, m/s^2
 GAUGE, CELL, SURFACE = 0.3, 0.7, 0.02  # m
 INERTIA = '<inertia ixx="0" ixy="0" ixz="0" iyy="{0}" iyz="0" izz="{0}"/>'

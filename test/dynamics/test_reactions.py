@@ -6,15 +6,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from strategies import seeded_robot
 
 import denoc_ros as dn
 from denoc_ros.dynamics.reactions import reactions
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.model.tree import JointKind
-
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 LOOPED = ('five_bar_ffff', 'rssr_fff', 'planar_3dof_3ff', 'four_bar_rrr')
 

@@ -4,13 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from strategies import seeded_robot
 
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.errors import SolverError, StateError
-
-Array = NDArray[np.float64]
 
 
 @pytest.fixture(scope='module')

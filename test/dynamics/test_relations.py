@@ -10,13 +10,12 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from hypothesis import given
-from numpy.typing import NDArray
 from oracles import Oracle
 from strategies import State, law, random_state, robots, seeded_robot, seeds
 
 from denoc_ros.dynamics.robot import Robot, load_robot
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 Close = Callable[[Array, Array, float], None]
 
 

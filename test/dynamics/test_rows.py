@@ -8,12 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 from looped_robots import random_closed
-from numpy.typing import NDArray
 from strategies import random_state
 
 from denoc_ros.dynamics.robot import Robot
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 ROWS = 150  # enough for two threads
 
 

@@ -7,7 +7,6 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from segmented_robots import spatial_text
 from strategies import random_state
 
@@ -16,8 +15,8 @@ from denoc_ros.dynamics.centre_line import CentreLine
 from denoc_ros.dynamics.deflection import TipDeflections
 from denoc_ros.dynamics.rotations import rotations
 from denoc_ros.errors import StateError
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 Close = Callable[[Array, Array, float], None]
 
 STATIONS = (0.1, 0.5, 0.95)  # m, in the first of three segments, the second, and the tip

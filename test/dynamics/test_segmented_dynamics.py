@@ -6,7 +6,6 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from oracles import Oracle
 from planar_chains import SINGLE_LINK, planar_chain, reference
 from segmented_robots import cable_text, rod, spatial_text
@@ -14,8 +13,8 @@ from strategies import random_state
 
 import denoc_ros as dn
 from denoc_ros.dynamics.deflection import TipDeflections
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 Close = Callable[[Array, Array, float], None]
 GRAVITY = (0.7, -1.3, -9.6)
 ROUNDING = 1e-10  # of modal integrals in two ways, over a chain of eight bodies

@@ -6,7 +6,6 @@ import re
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from planar_chains import PlanarLink, planar_chain
 from shape_study import (
     DENSITY,
@@ -26,8 +25,7 @@ from shape_study import (
 
 from denoc_ros.dynamics.robot import load_robot
 from denoc_ros.model.shapes import wave_numbers
-
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 # Table 3.2 by what its rows are; the labels of the last two are wrong (docs/shapes.md).
 PRINTED = {

@@ -8,13 +8,12 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from hypothesis import given
-from numpy.typing import NDArray
 from spring_oracle import elastic_robot
 from strategies import law, random_state, seeds
 
 from denoc_ros.dynamics.robot import Robot, load_robot
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 Close = Callable[[Array, Array, float], None]
 
 PENDULUM = """<robot name="pendulum"><link name="base"/><link name="rod"><inertial>

@@ -5,14 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import scipy.linalg
-from numpy.typing import NDArray
 from planar_chains import PlanarLink, planar_chain
 
 import denoc_ros as dn
 from denoc_ros.dynamics.stepper import Stepper
 from denoc_ros.dynamics.strain_damping import StrainDamping
-
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 ARM = (PlanarLink(1.0, 2.0, 150.0), PlanarLink(0.8, 1.0, 60.0))
 GAUGES = ''.join(

@@ -7,12 +7,11 @@ from pathlib import Path
 import numpy as np
 import pinocchio
 import pytest
-from numpy.typing import NDArray
 
 import denoc_ros as dn
 from denoc_ros.dynamics.feedback import with_joint_feedback
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 ROBOTS = Path(pinocchio.__file__).parents[4] / 'share' / 'example-robot-data' / 'robots'
 PANDA = ROBOTS / 'panda_description' / 'urdf' / 'panda.urdf'
 FINGER = """

@@ -8,13 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from hypothesis import given
-from numpy.typing import NDArray
 from strategies import law, random_state, robots, seeds
 
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.errors import ConfigError, StateError
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 Close = Callable[[Array, Array, float], None]
 ROUNDING = 1e-9  # of torques whose parts are up to a thousand times as large
 

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from denoc_ros.estimation.base_track import BaseTrack
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 GRAVITY = np.array([0.0, 0.0, -9.81])
 W = 1.3  # rad/s, of a ship's roll
 STEP = 1e-3

@@ -19,7 +19,6 @@ from gauge_runs import (
     replay,
 )
 from lxml import etree
-from numpy.typing import NDArray
 from planar_chains import PlanarLink, planar_chain
 
 import denoc_ros as dn
@@ -27,8 +26,6 @@ from denoc_ros.dynamics.structure import sensor_rows
 from denoc_ros.estimation.fusion import WAITING, FusionSettings
 from denoc_ros.estimation.observer import Observer
 from denoc_ros.estimation.observer_settings import ObserverSettings
-
-Array = NDArray[np.float64]
 
 
 @pytest.mark.parametrize('name', ['canadarm', 'ssrms'])

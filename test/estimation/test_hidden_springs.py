@@ -7,7 +7,6 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 from geared_arm import arm_text
-from numpy.typing import NDArray
 
 import denoc_ros as dn
 from denoc_ros.dynamics.gear_springs import GearSprings, next_deflection
@@ -15,8 +14,8 @@ from denoc_ros.dynamics.measured_side import MeasuredStates, measured_robot
 from denoc_ros.estimation.observer import Observer
 from denoc_ros.estimation.observer_settings import ObserverSettings
 from denoc_ros.model.tree import Spring
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 STEP = 1e-3
 TICKS, SETTLED = 800, 100
 NOISE = 1e-5, 1e-3  # rad, rad/s

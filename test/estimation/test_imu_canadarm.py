@@ -8,7 +8,6 @@ from functools import cache
 import numpy as np
 import pytest
 from imu_arms import ENDS, imu_text
-from numpy.typing import NDArray
 
 import denoc_ros as dn
 from denoc_ros.estimation.fusion import FusionSettings
@@ -16,8 +15,7 @@ from denoc_ros.estimation.observer import Observer
 from denoc_ros.estimation.observer_settings import ObserverSettings
 from denoc_ros.simulation.run import Run
 from denoc_ros.trajectories import CycloidalTrajectory
-
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 STEP, STILL, END = 1e-3, 2.0, 2.5  # s: a tick, at rest first, of the motion
 PAYLOAD = 100.0  # kg, as the observer knows it; it is a fifth more

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from segmented_robots import strip_text
 
 import denoc_ros as dn
@@ -14,8 +13,7 @@ from denoc_ros.estimation.inertial_rows import InertialRows
 from denoc_ros.estimation.observer import Observer
 from denoc_ros.estimation.observer_settings import ObserverSettings
 from denoc_ros.simulation.run import Run
-
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 STEP = 2e-3
 STILL, END = 2.0, 4.0  # s: the boom stands still, then swings

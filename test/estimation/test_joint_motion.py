@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from denoc_ros.errors import StateError
 from denoc_ros.estimation.joint_motion import METHODS, settling, smooth
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 RATE = 125.0
 
 

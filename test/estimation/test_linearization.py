@@ -16,8 +16,8 @@ from denoc_ros.estimation import amplitude_filter
 from denoc_ros.estimation.fusion import FusionSettings
 from denoc_ros.estimation.observer import Observer
 from denoc_ros.estimation.observer_settings import ObserverSettings
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 Response = Callable[[dn.Robot, Array, NDArray[Any]], Array]
 
 STEP, TICKS = 2e-3, 200

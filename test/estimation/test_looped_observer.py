@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 import denoc_ros as dn
 from denoc_ros.dynamics.feedforward import TorqueFeedforward
@@ -15,8 +14,7 @@ from denoc_ros.estimation.fusion import FusionSettings
 from denoc_ros.estimation.observer import Observer
 from denoc_ros.estimation.observer_settings import ObserverSettings
 from denoc_ros.trajectories import SineTrajectory
-
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 ROBOT = Path(__file__).resolve().parents[2] / 'config' / 'robots' / 'five_bar_ffff.urdf'
 DRIVEN = ('joint_1', 'joint_3')

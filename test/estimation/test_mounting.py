@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.errors import ConfigError, IdentificationError
 from denoc_ros.estimation.mounting import calibrate_mounting
 from denoc_ros.model.remounting import remounted_description
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 SAID = '0.3 -0.2 0.5'
 TURN = Rotation.from_rotvec([0.02, -0.05, 0.03])
 TRUE = (Rotation.from_euler('xyz', [0.3, -0.2, 0.5]) * TURN).as_euler('xyz')

@@ -6,12 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.estimation.observability import VALUES, observability
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 LENGTH = 2.0
 IMU = (
     '<sensor name="imu" type="imu" link="link" station="2" rpy="0.3 0.2 0.5" '

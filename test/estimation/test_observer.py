@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from planar_chains import PlanarLink, planar_chain
 
 import denoc_ros as dn
@@ -15,8 +14,7 @@ from denoc_ros.dynamics.deflection import TipDeflections
 from denoc_ros.estimation.observer import Observer
 from denoc_ros.estimation.observer_settings import ObserverSettings
 from denoc_ros.simulation.run import Run
-
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 DOWN = (0.0, -9.81, 0.0)
 STEP = 1e-3

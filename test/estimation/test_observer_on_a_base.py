@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from base_robots import description, floating, spacecraft
-from numpy.typing import NDArray
 
 import denoc_ros as dn
 from denoc_ros.dynamics.base_motion import BaseMotion
@@ -15,8 +14,8 @@ from denoc_ros.estimation.base_track import BaseTrack
 from denoc_ros.estimation.fusion import FusionSettings
 from denoc_ros.estimation.observer import Observer
 from denoc_ros.estimation.observer_settings import ObserverSettings
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 GRAVITY = (0.0, -9.81, 0.0)
 STEP = 2e-3
 LATE = 5e-3  # s from a reading to when it is known

@@ -9,12 +9,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from tracked_runs import TrackedRun, follow, resting, simulated, swinging, with_noise
 
 import denoc_ros as dn
-
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 ROBOTS = Path(__file__).resolve().parents[2] / 'config' / 'robots'
 TOOL = 'payload.tool.mass'

@@ -16,15 +16,13 @@ import numpy as np
 import pytest
 import scipy.io
 from data_files import RIG_RECORDS, rig_run
-from numpy.typing import NDArray
 from scipy.signal import TransferFunction, lsim, savgol_filter
 
 import denoc_ros as dn
 from denoc_ros.estimation.fusion import FusionSettings
 from denoc_ros.estimation.observer import Observer
 from denoc_ros.estimation.observer_settings import ObserverSettings
-
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 URDF = Path(__file__).resolve().parents[2] / 'config' / 'robots' / 'two_flexible_links.urdf'
 LONG_RECORD = RIG_RECORDS / 'lqr_full_10deg_thin.mat'

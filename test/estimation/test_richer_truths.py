@@ -9,14 +9,13 @@ from functools import cache
 import numpy as np
 import pytest
 from gauge_runs import END, PAYLOAD, SEED, STEP, Recording, load, observer, reference, replay
-from numpy.typing import NDArray
 
 import denoc_ros as dn
 from denoc_ros.dynamics.deflection import TipDeflections
 from denoc_ros.dynamics.structure import sensor_rows
 from denoc_ros.model.plant_description import PlantDescription
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 Law = Callable[[float], tuple[float, float, float]]
 NAME = 'canadarm'
 BENT = ('link_1/uy', 'link_1/rz', 'link_2/uy', 'link_2/rz')

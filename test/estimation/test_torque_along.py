@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from simulated_bags import SimulatedBag
 from truth_robots import truth_case
 
@@ -23,7 +22,6 @@ from denoc_ros.replay.friction import FrictionFit
 from denoc_ros.replay.settings import ReplaySettings
 from denoc_ros.replay.summary import doubts
 
-Array = NDArray[np.float64]
 ROWS = 30
 STARTS = np.arange(ROWS) == 0
 

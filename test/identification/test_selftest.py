@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import denoc_ros as dn
-from denoc_ros.identification.selftest import CONDITIONS, jobs, measure, selftest, table
+from denoc_ros.studies.selftest import CONDITIONS, jobs, measure, selftest, table
 
 # of failing where each estimate is exactly as good as promised: the limits are quantiles of the
 # binomial distribution, five or six laws per row

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from denoc_ros.control.servo import joint_servo
 from denoc_ros.errors import IdentificationError
 from denoc_ros.identification.servo import ServoFit, fit_servo, fit_servo_runs
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 STEP = 0.004
 
 

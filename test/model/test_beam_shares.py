@@ -7,7 +7,6 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from small_robots import ROD, beam, block, body_index, joint, link, robot
 
 from denoc_ros.errors import ModelError
@@ -18,7 +17,6 @@ from denoc_ros.model.inertia import moved, total
 from denoc_ros.model.residual_inertia import beam_inertia
 from denoc_ros.model.tree import Deformation, RigidInertia, Tree
 
-Array = NDArray[np.float64]
 Spoil = Callable[[str, str], str]
 
 

@@ -9,7 +9,6 @@ import pytest
 import scipy.linalg
 from lxml import etree
 from mujoco_arm import urdf as elastic_arm
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from denoc_ros.dynamics.robot import Robot, load_robot
@@ -17,8 +16,8 @@ from denoc_ros.errors import ModelError
 from denoc_ros.model.mjcf import mjcf
 from denoc_ros.model.overrides import with_overrides
 from denoc_ros.model.sdf import sdf
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 ROBOTS = Path(__file__).resolve().parents[2] / 'config' / 'robots'
 
 

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from denoc_ros.model.tree import Tree
 from denoc_ros.model.urdf import load_tree
-
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 LENGTH, EI, SURFACE = 2.0, 50.0, 0.01
 

@@ -7,7 +7,6 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from denoc_ros.errors import StateError
@@ -19,8 +18,7 @@ from denoc_ros.model.shapes import (
     torsion_shapes,
     wave_numbers,
 )
-
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 LENGTH = 2.5
 WAVES = [shape for shape in SHAPES if shape != 'craig-bampton']

@@ -8,14 +8,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from small_robots import ROD, beam, block, body_index, joint, link, robot
 
 from denoc_ros.model.inertia import inverse_transform
 from denoc_ros.model.tree import JointKind
 from denoc_ros.model.urdf import load_tree
 
-Array = NDArray[np.float64]
 Spoil = Callable[[str, str], str]
 
 

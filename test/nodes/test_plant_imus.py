@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from geometry_msgs.msg import AccelStamped
 from node_robots import GRAVITY, two_links
-from numpy.typing import NDArray
 from sensor_msgs.msg import Imu, JointState
 
 from denoc_ros.dynamics.robot import load_robot
 from denoc_ros.nodes.plant import PlantNode
+from denoc_ros.types import Array
 
 pytestmark = pytest.mark.ros
 RATE = 200.0
@@ -23,8 +23,6 @@ SENSORS = """
  topic="/imu" gyro_noise="0.02" accel_noise="0.3" gyro_bias="0.5" accel_bias="4"/>
 <sensor name="knock" type="accelerometer" link="one" station="0.4" topic="/accel"/>
 <sensor name="mute" type="imu" link="one" station="0.4"/>"""
-
-Array = NDArray[np.float64]
 
 
 @pytest.fixture

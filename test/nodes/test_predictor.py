@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 import yaml
 from geometry_msgs.msg import PoseStamped
-from numpy.typing import NDArray
 from planar_chains import planar_chain
 from predictor_bench import ARM, DOWN, GAUGE, RATE, add, begun, joint_state, swing
 from rclpy.parameter import Parameter
@@ -29,10 +28,9 @@ from denoc_ros.nodes.predictor import PredictorNode
 from denoc_ros.nodes.predictor_outputs import quaternion
 from denoc_ros.runtime.predictor_parameters import TABLE
 from denoc_ros.simulation.run import Run
+from denoc_ros.types import Array
 
 pytestmark = pytest.mark.ros
-
-Array = NDArray[np.float64]
 
 
 @pytest.fixture(scope='module')

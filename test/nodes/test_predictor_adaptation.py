@@ -10,8 +10,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from campaign import states as states_of
-from campaign.stage import stamp
 from node_robots import GRAVITY, two_links
 from node_robots import JOINTS as PAIR
 from predictor_bench import begun
@@ -21,6 +19,8 @@ from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 from tracked_bags import is_as_heard, write_tracked
 from tracked_runs import TrackedRun, simulated, swinging, with_noise
+from trust import states as states_of
+from trust.stage import stamp
 
 import denoc_ros as dn
 from denoc_ros.nodes.predictor import PredictorNode

@@ -11,12 +11,12 @@ import pytest
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import AccelStamped
 from node_robots import GRAVITY, two_links
-from numpy.typing import NDArray
 from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import Float64
 
 from denoc_ros.dynamics.robot import load_robot
 from denoc_ros.nodes.predictor import PredictorNode
+from denoc_ros.types import Array
 
 pytestmark = pytest.mark.ros
 RATE = 100.0
@@ -26,8 +26,6 @@ IMUS = """
 <sensor name="knock" type="accelerometer" link="one" station="1" topic="/accel"
  accel_noise="0.1" accel_bias="0.5"/>"""
 BIAS = np.array([0.1, -0.05, 0.08])  # rad/s
-
-Array = NDArray[np.float64]
 
 
 @pytest.fixture

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 from bench.rates_blocks import domain
-from campaign.session_failures import spoil
 from node_robots import two_links
+from trust.session_failures import spoil
 
 pytestmark = pytest.mark.ros
 

@@ -11,7 +11,6 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from data_files import PANDA_BAG, UR10_BAG
-from numpy.typing import NDArray
 from simulated_bags import SimulatedBag
 
 from denoc_ros.bags.definitions import encode
@@ -28,8 +27,8 @@ from denoc_ros.replay.bag import replay_bag
 from denoc_ros.replay.settings import ReplaySettings, plan_replay
 from denoc_ros.replay.stream import Block, JointStream, Source, Values
 from denoc_ros.replay.summary import summarize
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 ROW_FIELDS = ('stamp_ns', 'log_ns', 'effort', 'starts')
 REAL: dict[str, tuple[Path, dict[str, str], int, list[str]]] = {
     'ur10_robot': (UR10_BAG, {}, 6, []),

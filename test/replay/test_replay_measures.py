@@ -6,13 +6,12 @@ import itertools
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from denoc_ros.replay.friction import FrictionFitter
 from denoc_ros.replay.measures import Comparison, Shares
 from denoc_ros.replay.traces import BINS, Traces
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 PERIOD = 0.008
 EDGES = (0, 700, 1500, 3000)
 

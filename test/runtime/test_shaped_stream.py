@@ -6,14 +6,13 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from denoc_ros.control.ringing import RingingModes
 from denoc_ros.control.servo import JointServo, joint_servo
 from denoc_ros.runtime.shaped_stream import ShapedStream
+from denoc_ros.types import Array
 
 pytestmark = pytest.mark.ros
-Array = NDArray[np.float64]
 PERIOD = 0.005
 MODES = RingingModes(np.array([2.0, 9.0]), np.zeros(2))
 NONE = joint_servo(1)

@@ -10,12 +10,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from book_runs import desired, joints, shipped, tips, until
-from numpy.typing import NDArray
 
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.simulation.run import Run
-
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 Fall = tuple[Robot, Run]
 

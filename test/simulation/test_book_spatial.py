@@ -6,10 +6,9 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from book_runs import CONFIG, desired, joints, shipped, tips, until
-from numpy.typing import NDArray
 from scipy.integrate import simpson, solve_ivp
 
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 RIGID_SSRMS = {f'beam.link_{k}.{axis}.modes': 0 for k in (2, 3) for axis in 'yz'}
 UNDAMPED_SSRMS = {f'beam.link_{k}.{axis}.damping_ratio': 0.0 for k in (2, 3) for axis in 'yz'}

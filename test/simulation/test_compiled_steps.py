@@ -6,13 +6,11 @@ import numpy as np
 import pytest
 from mechanism_runs import closed_start, loaded
 from mechanisms import DOWN, START
-from numpy.typing import NDArray
 from planar_chains import FLEXIBLE, RIGID, planar_chain
 
 import denoc_ros as dn
 from denoc_ros.simulation.run import Run
-
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 
 def no_torque(robot: dn.Robot) -> dict[str, object]:

@@ -8,12 +8,11 @@ import mujoco_arm
 import numpy as np
 import pytest
 from data_files import DATA
-from numpy.typing import NDArray
 from spring_oracle import elastic_robot
 
 import denoc_ros as dn
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 REFERENCE = DATA / 'mujoco_elastic_arm.csv'
 
 

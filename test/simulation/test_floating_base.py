@@ -8,14 +8,12 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from base_robots import description, floating, spacecraft
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 import denoc_ros as dn
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.errors import StateError
-
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 
 def ssrms() -> Robot:

@@ -5,12 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from base_robots import SIX, base_motion, description, pair
-from numpy.typing import NDArray
 
 import denoc_ros as dn
 from denoc_ros.errors import StateError
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 GRAVITY = np.array([0.0, -9.0, 3.0])
 
 

@@ -10,7 +10,6 @@ import mujoco
 import mujoco_arm
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from segmented_robots import rod, spatial_text
 
 from denoc_ros.cli.postures import posture
@@ -21,7 +20,6 @@ from denoc_ros.model.overrides import with_overrides
 from denoc_ros.model.segments import whole_beams
 from denoc_ros.simulation.mujoco_chain import ChainComparison, MujocoChain, compare
 
-Array = NDArray[np.float64]
 ROBOTS = Path(__file__).resolve().parents[2] / 'config' / 'robots'
 # wrists of the book with inertia about one axis alone
 IMPOSSIBLE = ('puma', 'stanford', 'stanford_flexible')

@@ -7,7 +7,6 @@ from pathlib import Path
 import mujoco_arm
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from segmented_robots import rod
 
 from denoc_ros.dynamics.driven_motion import driven_motion
@@ -17,8 +16,8 @@ from denoc_ros.model.overrides import with_overrides
 from denoc_ros.model.segments import whole_beams
 from denoc_ros.simulation.mujoco_robot import MujocoRobot, MujocoSettings
 from denoc_ros.simulation.simulated_robot import Drives, ModalRobot
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 ROBOTS = Path(__file__).resolve().parents[2] / 'config' / 'robots'
 STEP = 1e-3
 GRAVITY = (0.3, -1.0, -0.5)

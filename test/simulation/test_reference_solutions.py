@@ -10,7 +10,6 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from planar_chains import (
     CANADARM,
     CANADARM_RIGID,
@@ -25,8 +24,7 @@ from planar_chains import (
 import denoc_ros as dn
 from denoc_ros.dynamics.deflection import TipDeflections
 from denoc_ros.simulation.run import Run
-
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 DOWN = (0.0, -9.81, 0.0)
 WEIGHTLESS = (0.0, 0.0, 0.0)

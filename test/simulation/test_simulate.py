@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from planar_chains import FLEXIBLE, RIGID, planar_chain
 
 import denoc_ros as dn
-
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 DOWN = (0.0, -9.81, 0.0)
 MIMIC = """<robot name="tied"><link name="base"/>

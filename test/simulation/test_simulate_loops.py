@@ -10,13 +10,11 @@ import pytest
 from loop_oracle import LoopOracle
 from mechanism_runs import book_fall, closed_start, columns, cut_four_bar, gaps, loaded
 from mechanisms import DOWN, SHIPPED, START
-from numpy.typing import NDArray
 from planar_chains import reference
 
 import denoc_ros as dn
 from denoc_ros.simulation.run import Run
-
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 RIGID = [(table, kind) for table, kind, links in SHIPPED if 'F' not in links]
 

@@ -8,14 +8,13 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from numpy.typing import NDArray
 
 from denoc_ros.dynamics.robot import load_robot
 from denoc_ros.errors import ConfigError
 from denoc_ros.simulation.scenario import scenario_from_config
 from denoc_ros.simulation.swaying_base import SHIFTS, TURNS, Harmonic, SwayingBase
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 CONFIG = Path(__file__).resolve().parents[2] / 'config'
 STEP = 1e-4
 

@@ -7,11 +7,10 @@ from pathlib import Path
 
 import numpy as np
 from lxml import etree
-from numpy.typing import NDArray
 
 from denoc_ros.dynamics.robot import Robot, load_robot
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 ROBOTS = Path(__file__).resolve().parents[2] / 'config' / 'robots'
 SLIDES = (('x', '1 0 0'), ('y', '0 1 0'), ('z', '0 0 1'))
 SIX = tuple(f'base_{name}' for name in ('x', 'y', 'z', 'rz', 'ry', 'rx'))

@@ -7,15 +7,13 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from denoc_ros.cli.config import read_yaml
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.simulation.run import Run
 from denoc_ros.simulation.scenario import Scenario, model_settings, scenario_from_config
 from denoc_ros.simulation.time_functions import TimeFunction
-
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 CONFIG = Path(__file__).resolve().parents[2] / 'config'
 

@@ -5,13 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from denoc_ros.dynamics.workspace import Workspace
 from denoc_ros.kernels import handle
 from denoc_ros.model.arrays import ModelArrays
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 ROOM = 64  # elements on each side
 # not a number, with a content of its own: what reads it gives no finite result
 CANARY = np.uint64(0x7FF8_0BAD_CAFE_0001).view(np.float64)

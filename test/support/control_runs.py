@@ -6,14 +6,13 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
 
 import denoc_ros as dn
 from denoc_ros.control.plan import Plan
 from denoc_ros.simulation.run import Run
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 Reference = Callable[[Array], Array]
 ROBOTS = Path(__file__).resolve().parents[2] / 'config' / 'robots'
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 
 import numpy as np
-from jets import Array
 from oracles import Oracle
+
+from denoc_ros.types import Array
 
 STEP = 1e-30
 

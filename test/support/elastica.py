@@ -6,14 +6,12 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 from segmented_robots import strip
 
 from denoc_ros.dynamics.robot import Robot, load_robot
-
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 LOADS = ('force', 'moment')
 # of a cantilever of length 1 m and EI 1 N m^2: force in N, moment in N m

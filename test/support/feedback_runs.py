@@ -9,7 +9,6 @@ from functools import cache
 
 import numpy as np
 from data_files import CLAMPED_FREE_CANADARM
-from numpy.typing import NDArray
 
 import denoc_ros as dn
 from denoc_ros.control.feedback_settings import FeedbackSettings
@@ -23,8 +22,8 @@ from denoc_ros.dynamics.measured_side import MeasuredStates, measured_robot
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.model.overrides import edited_description
 from denoc_ros.trajectories import CycloidalTrajectory, SplineTrajectory
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 # gains and bounds of these tests are those of this robot
 CANADARM = CLAMPED_FREE_CANADARM
 Measured = tuple[int, Array, Array]  # period, coordinates, rates

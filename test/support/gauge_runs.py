@@ -18,8 +18,7 @@ from denoc_ros.estimation.observer import Observer
 from denoc_ros.estimation.observer_settings import ObserverSettings
 from denoc_ros.simulation.run import Run
 from denoc_ros.trajectories import CycloidalTrajectory
-
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 ROBOTS = Path(__file__).resolve().parents[2] / 'config' / 'robots'
 CLAMPED_FREE = 'clamped-free canadarm'

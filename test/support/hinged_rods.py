@@ -7,10 +7,9 @@ Richardson's extrapolation give the inextensible elastica. Nothing of denoc_ros 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import eigh
 
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 
 class HingedRods:

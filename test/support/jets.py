@@ -11,9 +11,9 @@ from collections.abc import Callable
 from math import factorial
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
+
 ORDERS = 3
 
 

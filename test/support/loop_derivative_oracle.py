@@ -10,8 +10,9 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 from derivative_oracle import complex_step
-from jets import Array
 from loop_oracle import LoopOracle
+
+from denoc_ros.types import Array
 
 
 def motion_derivatives(

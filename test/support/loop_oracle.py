@@ -11,11 +11,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jets import Array, Jet, stack
+from jets import Jet, stack
 from oracles import SLIDE_SPEED, Oracle
 from scipy.linalg import null_space
 
 from denoc_ros.model.tree import JointKind, Loop
+from denoc_ros.types import Array
 
 # Singular values this far below the largest are rounding: a planar loop's are below 1e-15.
 RANK = 1e-10

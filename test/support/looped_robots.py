@@ -5,13 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from strategies import random_state, seeded_robot
 
 from denoc_ros.dynamics.robot import Robot, load_robot
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 LOOPS = ('revolute', 'prismatic', 'universal', 'spherical', 'fixed')
 
 

@@ -7,15 +7,13 @@ from typing import Any
 
 import numpy as np
 from mechanisms import CONFIG, DOWN, START, mechanism
-from numpy.typing import NDArray
 
 import denoc_ros as dn
 from denoc_ros.cli.config import read_yaml
-from denoc_ros.model.dh.system import read_system
-from denoc_ros.model.dh.urdf import urdf_text
 from denoc_ros.simulation.run import Run
-
-Array = NDArray[np.float64]
+from denoc_ros.studies.dh import urdf_text
+from denoc_ros.studies.dh_system import read_system
+from denoc_ros.types import Array
 
 # Reference column of a joint angle -> our joint, of a tip deflection -> our link and direction.
 ANGLES = {

@@ -6,12 +6,9 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-from denoc_ros.model.dh.system import load_system
-from denoc_ros.model.dh.urdf import urdf_text
-
-Array = NDArray[np.float64]
+from denoc_ros.studies.dh import urdf_text
+from denoc_ros.studies.dh_system import load_system
 
 CONFIG = Path(__file__).resolve().parents[2] / 'config'
 DOWN = (0.0, -9.81, 0.0)

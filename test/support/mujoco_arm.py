@@ -9,9 +9,8 @@ from __future__ import annotations
 import sys
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 AXES = ('0 0 1', '0 1 0', '0 1 0', '1 0 0', '0 1 0', '1 0 0')
 OFFSETS = ('0 0 0.2', '0 0.1 0.3', '0.5 0 0', '0.4 0 0.05', '0.1 0 0', '0.1 0 0')

@@ -13,10 +13,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from jets import Array, Jet, cos, rotation, sin, stack
+from jets import Jet, cos, rotation, sin, stack
 from numpy.typing import NDArray
 
 from denoc_ros.model.tree import Attachment, Beam, Body, Deformation, JointKind, RigidInertia, Tree
+from denoc_ros.types import Array
 
 SLIDE_SPEED = 1e-3  # of tanh friction [rad/s or m/s]
 

@@ -7,13 +7,12 @@ from pathlib import Path
 import numpy as np
 import pinocchio
 from lxml import etree
-from numpy.typing import NDArray
 from shaped_runs import cycloid
 
 import denoc_ros as dn
 from denoc_ros.dynamics.robot import Robot
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 ROBOTS = Path(pinocchio.__file__).parents[4] / 'share' / 'example-robot-data' / 'robots'
 URDF = ROBOTS / 'panda_description' / 'urdf' / 'panda.urdf'
 # Franka's data sheet

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from data_files import DATA
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 
 @dataclass(frozen=True)

@@ -14,13 +14,11 @@ from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.model.shapes import SHAPES
-
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 LENGTH, EI, DENSITY = 2.0, 350.0, 1.7
 GRAVITY = 1e-6  # so small that the sag is linear and no stiffness comes of it

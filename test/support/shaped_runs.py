@@ -5,14 +5,13 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
 
 import denoc_ros as dn
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.stepper import Stepper
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 STEP = 5e-4
 
 

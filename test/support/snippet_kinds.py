@@ -21,9 +21,9 @@ from denoc_ros.cli.config import NODES, find_file, load_config
 from denoc_ros.cli.main import build_parser, main
 from denoc_ros.cli.simulate import prepare
 from denoc_ros.control.mode_table import read_mode_table
-from denoc_ros.model.dh.system import load_system
 from denoc_ros.model.urdf import load_tree
 from denoc_ros.simulation.scenario import KEYS as SCENARIO_KEYS
+from denoc_ros.studies.dh_system import load_system
 from denoc_ros.yaml_text import load_yaml
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -68,7 +68,7 @@ def check_python(words: list[str]) -> None:
     if name == 'venv':
         return
     file = Path(name.replace('.', '/') + '.py') if name else Path(words[0])
-    found = [base / file for base in (ROOT / 'test', ROOT) if (base / file).is_file()]
+    found = [base / file for base in (ROOT / 'campaigns', ROOT) if (base / file).is_file()]
     assert found, f'there is no {file}'
     # a command line may be shared with the modules beside it
     source = ''.join(file.read_text(encoding='utf-8') for file in found[0].parent.glob('*.py'))

@@ -11,13 +11,12 @@ from dataclasses import dataclass, field
 from xml.etree import ElementTree
 
 import numpy as np
-from numpy.typing import NDArray
 from oracles import SLIDE_SPEED, Oracle
 from strategies import Seeded, robot_text
 
 from denoc_ros.model.urdf import load_tree
+from denoc_ros.types import Array
 
-Array = NDArray[np.float64]
 GRAVITY = (0.7, -1.3, -9.6)
 
 

@@ -14,10 +14,10 @@ from typing import Any, Protocol
 import numpy as np
 from hypothesis import HealthCheck, Phase, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
+
 SHAPES = ('clamped-free', 'clamped-clamped', 'clamped-pinned', 'pinned-pinned', 'craig-bampton')
 
 

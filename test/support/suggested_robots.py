@@ -5,12 +5,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from denoc_ros.model.poses import number_text, rpy_of
 from denoc_ros.model.suggest.materials import MATERIALS
-
-Array = NDArray[np.float64]
+from denoc_ros.types import Array
 
 ALUMINIUM = MATERIALS['aluminium']
 LENGTH = 2.0

@@ -8,18 +8,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
-from numpy.typing import NDArray
 from strategies import seeded_robot
 from yourdfpy import URDF
 
 import denoc_ros as dn
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.rotations import rotations
+from denoc_ros.types import Array
 from denoc_ros.viewer.bending import Bending, BentLink, exaggerated, strain_colours
 from denoc_ros.viewer.cutting import cut_along
 from denoc_ros.viewer.outline import outlines
-
-Array = NDArray[np.float64]
 
 ROBOTS = ('canadarm', 'ssrms', 'stanford_flexible', 'two_flexible_links', 'ur10', 'five_bar_ffff')
 

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 import denoc_ros as dn
 from denoc_ros.dynamics.robot import Robot
+from denoc_ros.types import Array
 from denoc_ros.viewer.bending import exaggerated, strain_colours
 from denoc_ros.viewer.charts import WINDOW, Charts, grouped
 from denoc_ros.viewer.modes import MOST_SAG, SWING, ModeShapes, settled
@@ -21,8 +21,6 @@ from denoc_ros.viewer.posing import start_configuration
 from denoc_ros.viewer.snapshot import Snapshot
 from denoc_ros.viewer.surfaces import BANDS, Surfaces
 from denoc_ros.viewer.view import round_up
-
-Array = NDArray[np.float64]
 
 
 class Recorder:

@@ -10,7 +10,7 @@ import pinocchio
 import pytest
 from lxml import etree
 from small_robots import ARM
-from suggested_robots import ALUMINIUM, EI, GJ, LENGTH, MASS, Array, inertial, tube_arm
+from suggested_robots import ALUMINIUM, EI, GJ, LENGTH, MASS, inertial, tube_arm
 
 from denoc_ros.errors import ConfigError, ModelError
 from denoc_ros.model.inertia import moved, total
@@ -22,6 +22,7 @@ from denoc_ros.model.suggest.slender import BeamLine, Stiffness, stiffness
 from denoc_ros.model.suggest.suggestion import suggest_flexibility
 from denoc_ros.model.tree import RigidInertia
 from denoc_ros.model.urdf import load_tree
+from denoc_ros.types import Array
 
 ROBOTS = Path(pinocchio.__file__).parents[4] / 'share' / 'example-robot-data' / 'robots'
 AXES = [(1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, 1.0), (0.3, -0.5, 0.8)]

@@ -1,0 +1,142 @@
+"""Fixtures of all tests."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import signal
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from hypothesis import settings
+from ros_domains import claimed_domain
+from simulated_bags import SimulatedBag, make_simulated_bag
+
+# a loaded machine, or kernels that check every offset, take their time
+settings.register_profile('unhurried', deadline=None)
+settings.load_profile('unhurried')
+
+ROOT = Path(__file__).resolve().parent
+
+# files that take longest, so that none of them is begun last (`--no-loadscope-reorder`)
+LONGEST = (
+    'test/control/test_feedback_by_gyroscopes.py',
+    'test/control/test_state_feedback.py',
+    'test/identification/model/test_measured_channels.py',
+    'test/identification/model/test_excitation.py',
+    'test/identification/model/test_identified_models.py',
+    'test/identification/model/test_followed_vibration.py',
+    'test/control/test_tip_mechanisms.py',
+    'campaigns/bench/test_bench.py',
+    'test/test_site.py',
+    'test/nodes/test_up.py',
+    'test/test_docs.py',
+    'test/nodes/test_shaper.py',
+    'test/nodes/test_processes.py',
+    'test/nodes/test_recorder_process.py',
+    'test/nodes/test_ends.py',
+    'campaigns/bench/test_viewer_lateness.py',
+    'campaigns/bench/test_request_lateness.py',
+    'test/runtime/test_gain_worker.py',
+    'test/nodes/test_two_robots.py',
+    'test/nodes/test_shaper_up.py',
+    'test/reports/test_pages.py',
+    'test/viewer/test_film.py',
+    'test/viewer/test_page_in_browser.py',
+    'test/viewer/test_page.py',
+    'test/identification/model/test_blind_truth.py',
+)
+
+SOURCES = (
+    'CHANGELOG.md',
+    'CONTRIBUTING.md',
+    'SECURITY.md',
+    'CODE_OF_CONDUCT.md',
+    'CITATION.cff',
+    'LICENSE',
+    'MANIFEST.in',
+    'README.md',
+    'conda',
+    'config',
+    'constraints.txt',
+    'denoc_ros',
+    'docs',
+    'launch',
+    'package.xml',
+    'pyproject.toml',
+    'resource',
+    'rosdoc2.yaml',
+    'scripts',
+    'setup.cfg',
+    'setup.py',
+)
+
+
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """Leave out files that have no test of those asked for by `-m`: their imports take seconds.
+
+    A file's own words say which markers it has.
+    """
+    asked = re.fullmatch(r'not ros|ros and not alone|alone', str(config.getoption('markexpr')))
+    if asked is None or not collection_path.name.startswith('test_') or collection_path.is_dir():
+        return None
+    words = collection_path.read_text('utf-8')
+    if asked[0] == 'not ros':
+        return True if re.search(r'^pytestmark = .*mark\.ros\b', words, re.M) else None
+    return None if f'mark.{asked[0].split()[0]}' in words else True
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Begin with the files that take longest."""
+    missing = [name for name in LONGEST if not (ROOT / name).is_file()]
+    if missing:
+        raise pytest.UsageError(f'LONGEST must name files, got {missing}')
+    first = {ROOT / name: place for place, name in enumerate(LONGEST)}
+    items.sort(key=lambda item: first.get(item.path, len(first)))
+
+
+@pytest.fixture(scope='session', autouse=True)
+def ros_domain() -> Iterator[int]:
+    """Claim a domain for this session, keep discovery on this machine; yield its id."""
+    with claimed_domain() as domain:
+        os.environ['ROS_DOMAIN_ID'] = str(domain)
+        os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+        yield domain
+
+
+@pytest.fixture(scope='session', autouse=True)
+def signals_are_heard() -> None:
+    """Take back what `nohup make test &` ignores: processes of the tests would inherit it."""
+    if signal.getsignal(signal.SIGHUP) == signal.SIG_IGN:
+        signal.signal(signal.SIGHUP, signal.SIG_DFL)
+    if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+@pytest.fixture(scope='session')
+def repository() -> Path:
+    """Root of the checkout."""
+    return ROOT
+
+
+@pytest.fixture(scope='session')
+def simulated_bag(repository: Path, tmp_path_factory: pytest.TempPathFactory) -> SimulatedBag:
+    """Two flexible links, simulated once for all tests that read the run back."""
+    return make_simulated_bag(repository, tmp_path_factory.mktemp('simulated'))
+
+
+@pytest.fixture(scope='session')
+def source_copy(repository: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Copy of what the package is built from: building leaves nothing in the checkout."""
+    target = tmp_path_factory.mktemp('src') / 'denoc_ros'
+    target.mkdir()
+    for name in SOURCES:
+        source = repository / name
+        if source.is_dir():
+            ignored = shutil.ignore_patterns('__pycache__')
+            shutil.copytree(source, target / name, ignore=ignored)
+        elif source.is_file():
+            shutil.copy2(source, target / name)
+    return target

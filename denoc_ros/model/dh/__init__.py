@@ -1,1 +1,0 @@
-"""Denavit-Hartenberg tables: read, checked, and written as URDF + `<flexibility>`."""

@@ -1,0 +1,1 @@
+"""Studies of the book and benchmarks; no other room imports them."""

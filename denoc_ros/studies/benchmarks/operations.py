@@ -1,0 +1,393 @@
+"""Floating-point operations of the kernels, counted while their own source executes.
+
+The kernels' Python source runs on numbers that count what is done to them. Nothing is estimated:
+what a loop skips is not counted and what it does with a zero is. The compiler may still fold
+constants and merge common terms, so this is what is asked of the machine, not what it does.
+"""
+
+from __future__ import annotations
+
+import importlib
+import math
+import pkgutil
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from types import FunctionType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import denoc_ros.kernels
+from denoc_ros.dynamics.robot import Robot
+from denoc_ros.kernels.compiled import APART, kernel, ready
+from denoc_ros.kernels.handle import DIAGONALS, GOOD
+from denoc_ros.types import Array
+
+VECTORS = 'denoc_ros.kernels.vector'
+
+Objects = NDArray[np.object_]
+
+
+@dataclass
+class Operations:
+    """How many operations were executed."""
+
+    multiplications: int = 0
+    additions: int = 0  # and subtractions
+    divisions: int = 0
+    roots: int = 0
+    trigonometric: int = 0  # sine, cosine, hyperbolic tangent
+
+    def __add__(self, other: Operations) -> Operations:
+        """Return the sums."""
+        return Operations(*(a + b for a, b in zip(self.parts, other.parts, strict=True)))
+
+    @property
+    def parts(self) -> tuple[int, int, int, int, int]:
+        """The five counts in order."""
+        return (
+            self.multiplications,
+            self.additions,
+            self.divisions,
+            self.roots,
+            self.trigonometric,
+        )
+
+
+class Counted:
+    """A number that counts its operations; change of sign and comparison are free.
+
+    Parameters
+    ----------
+    value : float
+    tally : Operations
+        What counts.
+    """
+
+    __slots__ = ('tally', 'value')
+
+    def __init__(self, value: float, tally: Operations) -> None:
+        self.value = value
+        self.tally = tally
+
+    def __float__(self) -> float:
+        return self.value
+
+    def __neg__(self) -> Counted:
+        return Counted(-self.value, self.tally)
+
+    def __abs__(self) -> Counted:
+        return Counted(abs(self.value), self.tally)
+
+    def __add__(self, other: Counted | float) -> Counted:
+        self.tally.additions += 1
+        return Counted(self.value + float(other), self.tally)
+
+    __radd__ = __add__
+
+    def __sub__(self, other: Counted | float) -> Counted:
+        self.tally.additions += 1
+        return Counted(self.value - float(other), self.tally)
+
+    def __rsub__(self, other: float) -> Counted:
+        self.tally.additions += 1
+        return Counted(other - self.value, self.tally)
+
+    def __mul__(self, other: Counted | float) -> Counted:
+        self.tally.multiplications += 1
+        return Counted(self.value * float(other), self.tally)
+
+    __rmul__ = __mul__
+
+    def __truediv__(self, other: Counted | float) -> Counted:
+        self.tally.divisions += 1
+        return Counted(self.value / float(other), self.tally)
+
+    def __rtruediv__(self, other: float) -> Counted:
+        self.tally.divisions += 1
+        return Counted(other / self.value, self.tally)
+
+    def __pow__(self, power: int) -> Counted:
+        self.tally.multiplications += power - 1
+        return Counted(self.value**power, self.tally)
+
+    def __eq__(self, other: object) -> bool:
+        return self.value == float(other)  # type: ignore[arg-type]
+
+    __hash__ = None  # type: ignore[assignment]
+
+    def __lt__(self, other: Counted | float) -> bool:
+        return self.value < float(other)
+
+    def __le__(self, other: Counted | float) -> bool:
+        return self.value <= float(other)
+
+    def __gt__(self, other: Counted | float) -> bool:
+        return self.value > float(other)
+
+    def __ge__(self, other: Counted | float) -> bool:
+        return self.value >= float(other)
+
+    # numpy's functions of one number look for methods of these names
+
+    def rint(self) -> Counted:
+        """Return the nearest whole number: an addition's work."""
+        self.tally.additions += 1
+        return Counted(float(round(self.value)), self.tally)
+
+    def floor(self) -> Counted:
+        """Return the whole number below: an addition's work."""
+        self.tally.additions += 1
+        return Counted(float(math.floor(self.value)), self.tally)
+
+    def sin(self) -> Counted:
+        """Return the sine."""
+        self.tally.trigonometric += 1
+        return Counted(math.sin(self.value), self.tally)
+
+    def cos(self) -> Counted:
+        """Return the cosine."""
+        self.tally.trigonometric += 1
+        return Counted(math.cos(self.value), self.tally)
+
+    def tanh(self) -> Counted:
+        """Return the hyperbolic tangent."""
+        self.tally.trigonometric += 1
+        return Counted(math.tanh(self.value), self.tally)
+
+    def sqrt(self) -> Counted:
+        """Return the square root."""
+        self.tally.roots += 1
+        return Counted(math.sqrt(self.value), self.tally)
+
+
+class CountingKernels:
+    """The kernels' source as plain Python functions over one robot's arrays.
+
+    Parameters
+    ----------
+    robot : Robot
+
+    Attributes
+    ----------
+    tally : Operations
+        Of the last call.
+    shares : dict of str to int
+        Multiplications and additions of the last call by the kernel that does them itself, its
+        products of vectors included.
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        self.tally = Operations()
+        self.shares: dict[str, int] = {}
+        self._running: list[int] = []  # operations of what the running kernels have called
+        self._model = self._arrays(robot)
+        instead: dict[str, Callable[..., Any]] = {
+            'model_arrays': lambda handle: self._model,
+            'coordinates': lambda handle: robot.n,
+            'link_side': lambda handle: handle,
+            'beyond': lambda array, count: array[count:],
+            # a check of the result, no part of the algorithm
+            'all_finite': lambda values, count: True,
+        }
+        self._spaces = _plain_kernels(instead, self._attributed)
+
+    def count(self, module: str, function: str, *arguments: Any) -> tuple[Operations, Array]:
+        """Operations of one call, and the values of its last argument after it.
+
+        Parameters
+        ----------
+        module, function : str
+            Where the kernel is, below `denoc_ros.kernels`, and its name.
+        arguments : what follows the handle; arrays are copied, flattened and counted.
+        """
+        counted = [self.counted(a).ravel() if isinstance(a, np.ndarray) else a for a in arguments]
+        self.tally.__init__()  # type: ignore[misc]
+        self.shares.clear()
+        kernel = self._spaces[f'denoc_ros.kernels.{module}'][function]
+        status = kernel(0, *counted)
+        if status != GOOD:
+            raise ValueError(f'{function} must succeed to be counted, got status {status}')
+        found = Operations(*self.tally.parts)
+        return found, np.reshape(counted[-1].astype(np.float64), np.shape(arguments[-1]))
+
+    def function(self, module: str, name: str) -> Callable[..., Any]:
+        """Return a kernel's piece as a plain function, for numbers made by :meth:`counted`."""
+        function: Callable[..., Any] = self._spaces[f'denoc_ros.kernels.{module}'][name]
+        return function
+
+    def _attributed(self, function: FunctionType) -> Callable[..., Any]:
+        """Wrap a function to add its own operations to its share."""
+        name, tally, running = function.__name__, self.tally, self._running
+
+        def attributed(*arguments: Any) -> Any:
+            before = tally.multiplications + tally.additions
+            running.append(0)
+            result = function(*arguments)
+            total = tally.multiplications + tally.additions - before
+            own = total - running.pop()
+            if own:
+                self.shares[name] = self.shares.get(name, 0) + own
+            if running:
+                running[-1] += total
+            return result
+
+        return attributed
+
+    def counted(self, values: Array) -> Objects:
+        """Return an array of the same shape whose numbers count."""
+        out = np.empty(values.shape, dtype=object)
+        for index, value in np.ndenumerate(values):
+            out[index] = Counted(float(value), self.tally)
+        return out
+
+    def _arrays(self, robot: Robot) -> tuple[Any, ...]:
+        """Counting arrays in place of those of `model_arrays`, flat where that has pointers."""
+        arrays = robot.arrays
+        diagonals = np.zeros((DIAGONALS, arrays.n))
+        diagonals[: len(arrays.diagonals)] = arrays.diagonals
+        return (
+            arrays.topology.ravel(),
+            self.counted(robot.constants),
+            self.counted(robot.work),
+            self.counted(diagonals),
+            arrays.bodies,
+        )
+
+
+def _plain_kernels(
+    instead: dict[str, Callable[..., Any]], attributed: Callable[[FunctionType], Any]
+) -> dict[str, dict[str, Any]]:
+    """Return the kernels' modules as namespaces of plain functions that see each other.
+
+    Parameters
+    ----------
+    instead : {name: callable}
+        What stands for functions that deal with memory.
+    attributed : callable
+        Wraps every function but products of vectors.
+    """
+    modules = [
+        importlib.import_module(f'denoc_ros.kernels.{found.name}')
+        for found in pkgutil.iter_modules(denoc_ros.kernels.__path__)
+    ]
+    spaces = {module.__name__: dict(vars(module)) for module in modules}
+    for space in spaces.values():
+        for name, value in space.items():
+            apart = APART.get(getattr(value, 'symbol', ''), value)
+            source = getattr(apart, 'py_func', None)
+            if source is not None:
+                moved = _moved(source, spaces)
+                space[name] = moved if source.__module__ == VECTORS else attributed(moved)
+        space.update({name: function for name, function in instead.items() if name in space})
+    return spaces
+
+
+def _moved(source: FunctionType, spaces: dict[str, dict[str, Any]]) -> FunctionType:
+    """Return a function with the same code that looks its names up in the plain namespaces."""
+    space = spaces[source.__module__]
+    moved = FunctionType(source.__code__, space, source.__name__, source.__defaults__)
+    moved.__kwdefaults__ = source.__kwdefaults__
+    return moved
+
+
+TURNS = 4_000  # of a loop per measurement: short enough to run undisturbed now and then
+CHAINS = 8  # independent numbers in a loop, enough to fill the pipelines
+REPEATS = 300
+
+
+@kernel('float64(int64, float64, float64)')
+def fused(turns: int, a: float, b: float) -> float:
+    """Turn eight independent numbers by x a + b; one fused operation each."""
+    s, t, u, v = b, 2.0 * b, 3.0 * b, 4.0 * b
+    w, x, y, z = 5.0 * b, 6.0 * b, 7.0 * b, 8.0 * b
+    for _ in range(turns):
+        s = s * a + b
+        t = t * a + b
+        u = u * a + b
+        v = v * a + b
+        w = w * a + b
+        x = x * a + b
+        y = y * a + b
+        z = z * a + b
+    return s + t + u + v + w + x + y + z
+
+
+@kernel('float64(int64, float64, float64)')
+def divided(turns: int, a: float, b: float) -> float:
+    """Divide eight independent numbers."""
+    s, t, u, v = b, 2.0 * b, 3.0 * b, 4.0 * b
+    w, x, y, z = 5.0 * b, 6.0 * b, 7.0 * b, 8.0 * b
+    for _ in range(turns):
+        s = a / s
+        t = a / t
+        u = a / u
+        v = a / v
+        w = a / w
+        x = a / x
+        y = a / y
+        z = a / z
+    return s + t + u + v + w + x + y + z
+
+
+@kernel('float64(int64, float64, float64)')
+def rooted(turns: int, a: float, b: float) -> float:
+    """Take the roots of eight independent numbers."""
+    s, t, u, v = b, 2.0 * b, 3.0 * b, 4.0 * b
+    w, x, y, z = 5.0 * b, 6.0 * b, 7.0 * b, 8.0 * b
+    for _ in range(turns):
+        s = np.sqrt(s)
+        t = np.sqrt(t)
+        u = np.sqrt(u)
+        v = np.sqrt(v)
+        w = np.sqrt(w)
+        x = np.sqrt(x)
+        y = np.sqrt(y)
+        z = np.sqrt(z)
+    return s + t + u + v + w + x + y + z + a
+
+
+@kernel('float64(int64, float64, float64)')
+def turned(turns: int, a: float, b: float) -> float:
+    """Take sine and cosine of eight angles."""
+    total = 0.0
+    for k in range(turns):
+        for n in range(4):
+            x = a * k + b * n
+            total += np.sin(x) + np.cos(x)
+    return total
+
+
+@dataclass(frozen=True)
+class Machine:
+    """Times per operation of one core, nothing waiting for anything [s].
+
+    Attributes
+    ----------
+    fused : float
+        A scalar multiplication with its addition.
+    division, root, trigonometric : float
+    """
+
+    fused: float
+    division: float
+    root: float
+    trigonometric: float
+
+
+def measure_machine() -> Machine:
+    """Return the shortest times that were seen."""
+    ready(fused, divided, rooted, turned)
+    return Machine(*(_shortest(loop) for loop in (fused, divided, rooted, turned)))
+
+
+def _shortest(loop: Any) -> float:
+    clock = time.perf_counter
+    took = []
+    for _ in range(REPEATS):
+        start = clock()
+        loop(TURNS, 0.999, 0.001)
+        took.append(clock() - start)
+    return min(took) / (TURNS * CHAINS)

@@ -1,0 +1,117 @@
+"""Results of a benchmark run: one record per line of its table."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from denoc_ros.studies.benchmarks.timing import Spread, Times
+
+AT_MOST = '<='
+AT_LEAST = '>='
+
+
+@dataclass(frozen=True)
+class Reach:
+    """Bound on a line's value."""
+
+    sense: str  # AT_MOST or AT_LEAST
+    value: float
+
+    def met(self, value: float) -> bool:
+        """Say whether a value is within reach."""
+        return value <= self.value if self.sense == AT_MOST else value >= self.value
+
+
+@dataclass(frozen=True)
+class BenchCheck:
+    """The comparison that a line's results had to pass before they were timed.
+
+    Attributes
+    ----------
+    against : str
+        Whose results.
+    error : float
+        Largest difference over largest magnitude.
+    tolerance : float
+    """
+
+    against: str
+    error: float
+    tolerance: float
+
+    @property
+    def good(self) -> bool:
+        """Whether the results agree."""
+        return bool(self.error <= self.tolerance)
+
+
+@dataclass(frozen=True)
+class BenchLine:
+    """One line of the table.
+
+    Attributes
+    ----------
+    group, what, against : str
+        The part of the benchmark, what was timed, and beside what.
+    check : BenchCheck
+    unit : str
+        Of the value: 'ratio', 'slope', 's', …
+    value : Spread, optional
+        None where the results were wrong, or are only checked.
+    reach : Reach, optional
+    ours, peer : Times, optional
+    note : str
+    """
+
+    group: str
+    what: str
+    against: str
+    check: BenchCheck
+    unit: str = 'ratio'
+    value: Spread | None = None
+    reach: Reach | None = None
+    ours: Times | None = None
+    peer: Times | None = None
+    note: str = ''
+
+    @property
+    def verdict(self) -> str:
+        """Return 'wrong', 'met', 'missed' or '' (no reach, or nothing timed)."""
+        if not self.check.good:
+            return 'wrong'
+        if self.reach is None or self.value is None:
+            return ''
+        return 'met' if self.reach.met(self.value.value) else 'missed'
+
+    def record(self) -> dict[str, Any]:
+        """Return plain lists and numbers, ready for JSON; None where there is no finite value."""
+        found: dict[str, Any] = {
+            'group': self.group,
+            'what': self.what,
+            'against': self.against,
+            'check': {**asdict(self.check), 'good': self.check.good},
+            'unit': self.unit,
+            'value': self.value and _finite(asdict(self.value)),
+            'reach': None if self.reach is None else asdict(self.reach),
+            'verdict': self.verdict,
+            'note': self.note,
+        }
+        for name, times in (('ours', self.ours), ('peer', self.peer)):
+            found[name] = times and {'median_s': times.median, 'p99_s': times.p99}
+        return found
+
+
+def _finite(values: dict[str, float]) -> dict[str, float | None]:
+    return {name: value if math.isfinite(value) else None for name, value in values.items()}
+
+
+def relative_error(value: ArrayLike, expected: ArrayLike) -> float:
+    """Return the largest difference over the largest magnitude expected."""
+    reference: NDArray[np.float64] = np.asarray(expected, dtype=np.float64)
+    difference = np.abs(np.asarray(value) - reference).max(initial=0.0)
+    return float(difference / max(np.abs(reference).max(initial=0.0), 1e-300))
