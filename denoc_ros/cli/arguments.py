@@ -15,6 +15,43 @@ from denoc_ros.reports.run_files import EARTH
 Value = TypeVar('Value')
 
 
+def add_json(parser: Any) -> None:
+    """Declare `--json`."""
+    parser.add_argument('--json', action='store_true', help='print JSON for machines')
+
+
+def add_repeated(parser: Any, *options: tuple[str, str]) -> None:
+    """Declare options that may be given several times: a list of texts, empty by default.
+
+    Parameters
+    ----------
+    parser : argument parser or group
+        What gets them.
+    options : (str, str)
+        Option with the form of its value, `--rename OLD=NEW`, and its help.
+    """
+    for option, text in options:
+        name, _, form = option.partition(' ')
+        parser.add_argument(name, metavar=form or None, action='append', default=[], help=text)
+
+
+def add_numbers(parser: Any, *options: tuple[str, float | None, str]) -> None:
+    """Declare options whose value is a number.
+
+    Parameters
+    ----------
+    parser : argument parser or group
+        What gets them.
+    options : (str, float or int or None, str)
+        Option with the unit of its value, `--begin S`, its default, and its help. The number is
+        an integer where the default is one.
+    """
+    for option, default, text in options:
+        name, _, unit = option.partition(' ')
+        kind = int if isinstance(default, int) else float
+        parser.add_argument(name, metavar=unit or None, type=kind, default=default, help=text)
+
+
 def add_gravity(
     parser: Any, default: tuple[float, float, float] | None = EARTH, said: str = '0 0 -9.81'
 ) -> None:

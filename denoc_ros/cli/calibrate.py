@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import argparse
-import json
 import math
-import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +14,7 @@ from denoc_ros.bags.readings import read_inertial, read_readings
 from denoc_ros.bags.series import read_joint_states
 from denoc_ros.cli.arguments import add_gravity
 from denoc_ros.cli.config import find_file
+from denoc_ros.cli.verb_result import VerbResult
 from denoc_ros.cli.verbs import DOUBTFUL, NOT_IDENTIFIABLE, VERBS
 from denoc_ros.dynamics.measured_side import measured_robot
 from denoc_ros.dynamics.robot import Robot, load_robot
@@ -29,7 +28,7 @@ from denoc_ros.estimation.calibration import (
     sensor_values,
 )
 from denoc_ros.estimation.joint_motion import smooth
-from denoc_ros.estimation.mounting import Mounting, calibrate_mounting
+from denoc_ros.estimation.mounting import calibrate_mounting
 from denoc_ros.identification.tables import read_sheet
 from denoc_ros.model.overrides import edited_description
 from denoc_ros.model.remounting import remounted_description
@@ -73,19 +72,18 @@ def write_description(args: argparse.Namespace, file: Path, text: Callable[[], s
     return str(target)
 
 
-def run_mounting(args: argparse.Namespace, file: Path, robot: Robot) -> int:
-    """Fit, show and write; return the exit status."""
+def run_mounting(args: argparse.Namespace, file: Path, robot: Robot) -> VerbResult:
+    """Fit the mounting and write it; exit status 2 with doubts."""
     robot = measured_robot(robot)
     try:
         found = calibrate_mounting(robot, args.sensor, *_record(args, robot))
     except IdentificationError as error:
-        print(f'denoc calibrate: {error}', file=sys.stderr)
-        return NOT_IDENTIFIABLE
+        return _not_identifiable(error)
     written = write_description(
         args, file, lambda: remounted_description(file, args.sensor, found.rotation)
     )
-    _show_mounting(args, found, written)
-    return DOUBTFUL if found.doubts else 0
+    row = {'sensor': args.sensor, **vars(found), 'written': written}
+    return VerbResult(row, _mounting_lines(row), DOUBTFUL if found.doubts else 0)
 
 
 def _record(args: argparse.Namespace, robot: Robot) -> tuple[Array, Array, Array, Array]:
@@ -122,29 +120,18 @@ def _record(args: argparse.Namespace, robot: Robot) -> tuple[Array, Array, Array
     return whole[0], whole[1], whole[2], readings[chosen]
 
 
-def _show_mounting(args: argparse.Namespace, found: Mounting, written: str) -> None:
-    if args.json:
-        row = {
-            key: value.tolist() if hasattr(value, 'tolist') else value
-            for key, value in vars(found).items()
-        }
-        print(json.dumps({'sensor': args.sensor, **row, 'written': written}, indent=2))
-        return
-    degrees = math.degrees(found.angle), math.degrees(found.angle_error)
-    print(f'{args.sensor}: turned by {degrees[0]:.3f} +- {degrees[1]:.2g} deg on its link')
-    for name, bias, error, residual, unit in (
-        ('gyro', found.gyro_bias, found.gyro_bias_error, found.gyro_residual, 'rad/s'),
-        ('accel', found.accel_bias, found.accel_bias_error, found.accel_residual, 'm/s^2'),
-    ):
-        if residual > 0.0:
-            listed = '  '.join(
-                f'{x:.5g} +- {e:.2g}' for x, e in zip(bias.tolist(), error.tolist(), strict=True)
-            )
-            print(f'{name}_bias   {listed} {unit}, residual {residual:.3g}')
-    for doubt in found.doubts:
-        print(f'doubtful: {doubt}')
-    if written:
-        print(f'written     {written}')
+def _mounting_lines(row: Mapping[str, Any]) -> Iterator[str]:
+    degrees = math.degrees(row['angle']), math.degrees(row['angle_error'])
+    yield f'{row["sensor"]}: turned by {degrees[0]:.3f} +- {degrees[1]:.2g} deg on its link'
+    for name, unit in (('gyro', 'rad/s'), ('accel', 'm/s^2')):
+        if row[f'{name}_residual'] > 0.0:
+            pairs = zip(row[f'{name}_bias'], row[f'{name}_bias_error'], strict=True)
+            listed = '  '.join(f'{x:.5g} +- {e:.2g}' for x, e in pairs)
+            yield f'{name}_bias   {listed} {unit}, residual {row[f"{name}_residual"]:.3g}'
+    for doubt in row['doubts']:
+        yield f'doubtful: {doubt}'
+    if row['written']:
+        yield f'written     {row["written"]}'
 
 
 def add_parser(subparsers: Any) -> None:
@@ -190,8 +177,8 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument('--json', action='store_true', help='print machine-readable JSON')
 
 
-def run(args: argparse.Namespace) -> int:
-    """Run the verb and return the exit status; errors are raised."""
+def run(args: argparse.Namespace) -> VerbResult:
+    """Fit the calibration and write it; exit status 2 with doubts, 3 without a result."""
     file = find_file(Path(args.robot), Path()) or Path(args.robot)
     robot = load_robot(file, gravity=tuple(args.gravity))
     if args.sensor in {sensor.name for sensor in robot.tree.inertial_sensors}:
@@ -203,11 +190,16 @@ def run(args: argparse.Namespace) -> int:
         wanted = sensor_values(robot, args.sensor, reference, args.reference)
         found = calibrate(raw, wanted, deviation)
     except IdentificationError as error:
-        print(f'denoc calibrate: {error}', file=sys.stderr)
-        return NOT_IDENTIFIABLE
+        return _not_identifiable(error)
     written = _write(args, file, found)
-    _show(args, found, written)
-    return DOUBTFUL if found.doubts else 0
+    row = {'sensor': args.sensor, **vars(found), 'written': written}
+    doubts = () if args.json else [f'denoc calibrate: doubtful: {one}' for one in found.doubts]
+    return VerbResult(row, _lines(row), DOUBTFUL if found.doubts else 0, doubts)
+
+
+def _not_identifiable(error: IdentificationError) -> VerbResult:
+    """Return the result of readings that do not determine a calibration."""
+    return VerbResult(None, (), NOT_IDENTIFIABLE, [f'denoc calibrate: {error}'])
 
 
 def _readings(args: argparse.Namespace, robot: Robot) -> tuple[Any, Any, float]:
@@ -271,24 +263,15 @@ def _write(args: argparse.Namespace, file: Path, found: Calibration) -> str:
     return write_description(args, file, lambda: edited_description(file, paths))
 
 
-def _show(args: argparse.Namespace, found: Calibration, written: str) -> None:
-    if args.json:
-        row = {key: _plain(value) for key, value in vars(found).items()}
-        print(json.dumps({'sensor': args.sensor, **row, 'written': written}, indent=2))
-        return
-    print(f'{args.sensor}: value = gain raw + offset, {found.points} points')
-    print(f'gain        {found.gain:.6g} +- {found.gain_error:.2g}')
-    print(f'offset      {found.offset:.6g} +- {found.offset_error:.2g}')
-    print(f'residual    {found.residual:.3g}')
-    for name, share in (('hysteresis', found.hysteresis), ('curvature', found.curvature)):
-        print(f'{name:11} {"not known" if math.isnan(share) else f"{share:.2%} of the range"}')
-    if math.isfinite(found.noise):
-        print(f'noise       {found.noise:.3g}')
-    if written:
-        print(f'written     {written}')
-    for doubt in found.doubts:
-        print(f'denoc calibrate: doubtful: {doubt}', file=sys.stderr)
-
-
-def _plain(value: Any) -> Any:
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+def _lines(row: Mapping[str, Any]) -> Iterator[str]:
+    yield f'{row["sensor"]}: value = gain raw + offset, {row["points"]} points'
+    for name in ('gain', 'offset'):
+        yield f'{name:11} {row[name]:.6g} +- {row[f"{name}_error"]:.2g}'
+    yield f'residual    {row["residual"]:.3g}'
+    for name in ('hysteresis', 'curvature'):
+        share = row[name]
+        yield f'{name:11} {"not known" if math.isnan(share) else f"{share:.2%} of the range"}'
+    if math.isfinite(row['noise']):
+        yield f'noise       {row["noise"]:.3g}'
+    if row['written']:
+        yield f'written     {row["written"]}'

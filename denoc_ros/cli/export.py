@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import argparse
-import json
-import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 from denoc_ros.cli.arguments import add_gravity, add_overrides, given_file, overrides_of
 from denoc_ros.cli.postures import add_postures, posture, read_postures
+from denoc_ros.cli.verb_result import VerbResult
 from denoc_ros.cli.verbs import VERBS
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import ConfigError
@@ -55,8 +55,8 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument('--json', action='store_true', help='print machine-readable JSON')
 
 
-def run(args: argparse.Namespace) -> int:
-    """Run the verb and return the exit status; errors are raised."""
+def run(args: argparse.Namespace) -> VerbResult:
+    """Write the other simulator's model; errors are raised."""
     require_new(args.output)
     if args.verify and args.format == 'sdf':
         rule = '--verify must come with mjcf: no Gazebo is run, and SDF has the same chain'
@@ -70,15 +70,12 @@ def run(args: argparse.Namespace) -> int:
     if args.verify:
         summary['verified'] = _verify(robot, made.text, args.at)
     write_new(args.output, made.text)
-    if args.json:
-        print(json.dumps(summary, indent=2))
-        return 0
-    print(f'{args.output}: {len(robot.joint_names)} joints, {args.segments} hinges per beam')
-    for found in summary.get('verified', ()):
-        _print(found)
-    for note in made.notes:
-        print(f'denoc export: note: {note}', file=sys.stderr)
-    return 0
+    lines = [
+        f'{args.output}: {len(robot.joint_names)} joints, {args.segments} hinges per beam',
+        *(line for found in summary.get('verified', ()) for line in _lines(found)),
+    ]
+    notes = () if args.json else [f'denoc export: note: {note}' for note in made.notes]
+    return VerbResult(summary, lines, notes=notes)
 
 
 def _verify(robot: Robot, text: str, at: Any) -> list[dict[str, Any]]:
@@ -128,12 +125,12 @@ def _rows(name: str, own: ChainComparison, fine: ChainComparison) -> dict[str, A
     return {'at': name, 'natural_frequencies': frequencies, 'sag': sags}
 
 
-def _print(found: dict[str, Any]) -> None:
+def _lines(found: dict[str, Any]) -> Iterator[str]:
     at = found['at']
     said = f'our model, the same with {FINER} segments per beam, and MuJoCo'
     if found['natural_frequencies']:
         table = text_table(found['natural_frequencies'])
-        print(f'\nnatural frequencies, joints held at ({at}): {said}\n{table}')
-        print(f'\nsag of the tips there\n{text_table(found["sag"])}')
+        yield f'\nnatural frequencies, joints held at ({at}): {said}\n{table}'
+        yield f'\nsag of the tips there\n{text_table(found["sag"])}'
     else:
-        print(f'\nno beam bends: nothing vibrates with the joints held at ({at})')
+        yield f'\nno beam bends: nothing vibrates with the joints held at ({at})'

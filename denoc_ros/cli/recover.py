@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import argparse
-import json
 from pathlib import Path
 from typing import Any
 
 from tqdm import tqdm
 
 from denoc_ros.bags.recover import recover
+from denoc_ros.cli.verb_result import VerbResult
 from denoc_ros.cli.verbs import DOUBTFUL, VERBS
 
 
@@ -31,11 +31,10 @@ def add_parser(subparsers: Any) -> None:
         help='new bag folder, or new .mcap for a single file (default: BAG_recovered)',
     )
     parser.add_argument('--json', action='store_true', help='print the result as JSON')
-    parser.set_defaults(run=run)
 
 
-def run(args: argparse.Namespace) -> int:
-    """Recover, print the result, and return the exit status."""
+def run(args: argparse.Namespace) -> VerbResult:
+    """Recover; exit status 2 where parts were damaged."""
     with tqdm(unit='B', unit_scale=True, disable=True if args.json else None, leave=False) as bar:
         result = recover(args.bag, args.output, bar.update)
     row = {
@@ -46,11 +45,7 @@ def run(args: argparse.Namespace) -> int:
         'torn': list(result.torn),
         'damaged_chunks': result.damaged_chunks,
     }
-    if args.json:
-        print(json.dumps(row, indent=2))
-    else:
-        print('\n'.join(_lines(row)))
-    return DOUBTFUL if result.damaged_chunks else 0
+    return VerbResult(row, _lines(row), DOUBTFUL if result.damaged_chunks else 0)
 
 
 def _lines(row: dict[str, Any]) -> list[str]:

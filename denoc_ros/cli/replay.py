@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import argparse
-import json
 from collections.abc import Iterator
 from contextlib import contextmanager
+from itertools import chain
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -23,6 +23,7 @@ from denoc_ros.cli.arguments import (
     unused,
 )
 from denoc_ros.cli.progress import share_bar
+from denoc_ros.cli.verb_result import VerbResult
 from denoc_ros.cli.verbs import DOUBTFUL, VERBS
 from denoc_ros.cli.view import robot_source
 from denoc_ros.dynamics.robot import Robot, load_robot
@@ -36,9 +37,8 @@ from denoc_ros.replay.settings import ReplaySettings
 from denoc_ros.replay.summary import summarize
 from denoc_ros.replay.table import bag_of_table
 from denoc_ros.reports.provenance import named_file, named_text, provenance
-from denoc_ros.reports.replay import page
+from denoc_ros.reports.replay import lines, page
 from denoc_ros.reports.run_files import EARTH, find_bag, read_session, recording_name
-from denoc_ros.reports.text_table import Row, text_table
 
 
 def add_parser(subparsers: Any) -> None:
@@ -183,8 +183,8 @@ def _add_adaptation(parser: argparse.ArgumentParser) -> None:
         group.add_argument(f'--adapt-{name}', type=float, metavar=unit, help=text)
 
 
-def run(args: argparse.Namespace) -> int:
-    """Run the verb and return the exit status; errors are raised."""
+def run(args: argparse.Namespace) -> VerbResult:
+    """Recompute a run, write bag and page; exit status 2 where the numbers are doubtful."""
     settings = ReplaySettings(
         topic=args.topic,
         joints=tuple(args.joint),
@@ -215,12 +215,10 @@ def run(args: argparse.Namespace) -> int:
     shown = page(replay, summary, robot, provenance(args.command, sources))
     replaced = ' (replaced)' if report.exists() else ''
     write_text(report, shown.html())
-    if args.json:
-        print(json.dumps({**summary, 'report': str(report)}, indent=2, allow_nan=False))
-    else:
-        print('\n'.join(lines(summary)))
-        print(f'report  {report}{replaced}')
-    return DOUBTFUL if summary['doubts'] else 0
+    told = chain(lines(summary), [f'report  {report}{replaced}'])
+    return VerbResult(
+        {**summary, 'report': str(report)}, told, DOUBTFUL if summary['doubts'] else 0
+    )
 
 
 @contextmanager
@@ -274,104 +272,3 @@ def _robot(args: argparse.Namespace, bag: Path, session: dict[str, Any]) -> Robo
     source = robot_source(bag, args.robot)
     robot = load_robot(source, gravity=args.gravity or session.get('gravity', EARTH))
     return robot.with_overrides(overrides) if overrides else robot
-
-
-def lines(summary: dict[str, Any]) -> Iterator[str]:
-    """Yield a replay's numbers as lines of text for the terminal."""
-    yield (
-        f'{summary["bag"]}: {summary["samples"]} joint states in {summary["duration_s"]:.4g} s, '
-        f'{summary["derivative"]} {summary["cutoff_hz"]:.3g} Hz'
-    )
-    for what in ('held_joints', 'ignored_joints'):
-        if summary[what]:
-            yield f'  {what.replace("_", " ")}: {", ".join(summary[what])}'
-    if summary['torque']:
-        yield 'torque: measured, and measured minus computed [N m, N]'
-        yield text_table(_torque_rows(summary))
-    of = 'measured effort' if summary['torque'] else 'computed torque (no effort was measured)'
-    yield f'shares of the {of}, mean square [%]'
-    yield text_table(_share_rows(summary))
-    if summary['friction']:
-        yield 'friction, fitted (SI units; standard errors by windows of a second)'
-        yield text_table(_friction_rows(summary['friction']))
-    if summary['adapted']:
-        cause = summary['adapted']['cause']
-        yield f'tracked numbers, SI units (95 %){f"; at the end: {cause}" if cause else ""}'
-        yield text_table(_adapted_rows(summary['adapted']))
-    if rows := _deflection_rows(summary):
-        yield 'deflection (m or rad)'
-        yield text_table(rows)
-    if summary['output']:
-        yield f'bag     {summary["output"]}'
-    for doubt in summary['doubts']:
-        yield f'doubtful: {doubt}'
-
-
-def _torque_rows(summary: dict[str, Any]) -> list[Row]:
-    rows = []
-    for joint in summary['joints']:
-        row: Row = {'joint': joint}
-        for model, joints in summary['torque'].items():
-            one = joints.get(joint, {})
-            lag = one.get('lag')
-            row['effort rms'] = one.get('measured_rms')
-            row |= {f'{model} {what}': one.get(what) for what in ('rms', 'bias')}
-            row[f'{model} lag [ms]'] = None if lag is None else 1e3 * lag
-        rows.append(row)
-    return rows
-
-
-def _share_rows(summary: dict[str, Any]) -> list[Row]:
-    return [
-        {
-            'joint': joint,
-            **{
-                name: None if share[joint] is None else f'{100.0 * share[joint]:.1f}'
-                for name, share in summary['shares'].items()
-            },
-        }
-        for joint in summary['joints']
-    ]
-
-
-def _friction_rows(friction: dict[str, Any]) -> list[Row]:
-    rows = []
-    for joint, fit in friction.items():
-        row: Row = {'joint': joint}
-        for term in ('viscous', 'coulomb', 'offset'):
-            row[term] = fit[term]
-            row['± ' + term] = fit['standard_error_by_window'][term]
-        row |= {'rms before': fit['rms_before'], 'rms after': fit['rms_after']}
-        row['explained %'] = round(100.0 * fit['explained'], 1)
-        rows.append(row)
-    return rows
-
-
-def _adapted_rows(adapted: dict[str, Any]) -> list[Row]:
-    return [
-        {
-            'number': path,
-            'start': one['start'],
-            'last': one['value'],
-            '±': one['half_interval'],
-            'supported': 'yes' if one['supported'] else 'no',
-            'lowest': min(one['values'], default=None),
-            'highest': max(one['values'], default=None),
-        }
-        for path, one in adapted['numbers'].items()
-    ]
-
-
-def _deflection_rows(summary: dict[str, Any]) -> list[Row]:
-    return [
-        {
-            'deflection': name,
-            'of': topic,
-            'peak': one['measured_peak'],
-            'replay off by, rms': one['rms'],
-            '% of peak': 100.0 * one['rms'] / one['measured_peak'],
-        }
-        for topic, agreements in summary['deflection'].items()
-        for name, one in agreements.items()
-        if one['measured_peak']
-    ]

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from pathlib import Path
 from typing import Any
 
 from denoc_ros.cli.arguments import unused
+from denoc_ros.cli.verb_result import VerbResult
 from denoc_ros.cli.verbs import VERBS
 from denoc_ros.reports.run import report
 from denoc_ros.reports.run_files import BAG_FOLDER, recording_name
@@ -36,12 +36,11 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument('--json', action='store_true', help='print the numbers as JSON')
 
 
-def run(args: argparse.Namespace) -> int:
-    """Run the verb and return the exit status; errors are raised."""
+def run(args: argparse.Namespace) -> VerbResult:
+    """Write the page; errors are raised."""
     output = args.output or default_output(args.run)
     summary = write_report(args.run, output, args.command)
-    print(json.dumps(summary, indent=2, allow_nan=False) if args.json else output)
-    return 0
+    return VerbResult(summary, [str(output)])
 
 
 def default_output(run_path: Path) -> Path:

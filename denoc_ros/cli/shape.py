@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import argparse
-import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +21,7 @@ from denoc_ros.cli.arguments import (
 from denoc_ros.cli.config import flatten, read_yaml
 from denoc_ros.cli.motion_file import read_motion, write_plan
 from denoc_ros.cli.progress import share_bar
+from denoc_ros.cli.verb_result import VerbResult
 from denoc_ros.cli.verbs import VERBS
 from denoc_ros.control.plan import Plan
 from denoc_ros.control.shape import shape_motion
@@ -183,8 +183,8 @@ def _add_tip_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def run(args: argparse.Namespace) -> int:
-    """Run the verb and return the exit status; errors are raised."""
+def run(args: argparse.Namespace) -> VerbResult:
+    """Plan the motion, write it and its page; errors are raised."""
     require(_findings(args))
     require_new(args.output, args.page)
     motion_file = given_file(args.motion, 'motion')
@@ -201,11 +201,7 @@ def run(args: argparse.Namespace) -> int:
     summary = {'output': str(args.output), **summarize(plan, times)}
     if args.page:
         summary.update(_page(args, robot, plan, (times, joints), tip))
-    if args.json:
-        print(json.dumps(summary, indent=2, allow_nan=False))
-    else:
-        _print(summary)
-    return 0
+    return VerbResult(summary, _lines(summary))
 
 
 def _findings(args: argparse.Namespace) -> list[str]:
@@ -357,31 +353,32 @@ def _page(
     return {'page': str(args.page), **found.summary()}
 
 
-def _print(summary: Mapping[str, Any]) -> None:
-    print(
+def _lines(summary: Mapping[str, Any]) -> Iterator[str]:
+    """Yield the numbers of a plan for a terminal."""
+    yield (
         f'{summary["output"]}: {summary["rows"]} rows from {summary["begins_s"]:.4g} to '
         f'{summary["ends_s"]:.4g} s, method {summary["method"]}'
     )
     if summary.get('gains') or not summary.get('settled', True):
         best = '' if summary['settled'] else ', the best so far'
-        print(
+        yield (
             f'  {summary["stretch"]:.4g} times the time that was asked for, the least within the '
             f'limits{best}'
         )
         for name, gain in sorted(summary['gains'].items(), key=lambda each: -each[1]):
-            print(f'  1 % more of {name}: {100.0 * gain:.2f} % less time')
+            yield f'  1 % more of {name}: {100.0 * gain:.2f} % less time'
     elif summary['stretch'] > 1.0:
-        print(f'  {summary["stretch"]:.4g} times slower, to keep the limits')
+        yield f'  {summary["stretch"]:.4g} times slower, to keep the limits'
     if summary['delay_s'] > 0.0:
-        print(f'  {summary["delay_s"]:.4g} s later than asked for')
-    print(
+        yield f'  {summary["delay_s"]:.4g} s later than asked for'
+    yield (
         f'  tip off what was asked: {engineering(summary["tip_error_m"], "m")} while moving, '
         f'{engineering(summary["tip_error_after_m"], "m")} before and after'
     )
     for name, value in summary['largest_torque'].items():
-        print(f'  largest torque {name}: {value:.4g} N m or N')
+        yield f'  largest torque {name}: {value:.4g} N m or N'
     if 'base_force_N' in summary:
         force, torque = summary['base_force_N'], summary['base_torque_Nm']
-        print(f'  thrusters hold the base with up to {force:.4g} N and {torque:.4g} N m')
+        yield f'  thrusters hold the base with up to {force:.4g} N and {torque:.4g} N m'
     if 'page' in summary:
-        print(f'page    {summary["page"]}')
+        yield f'page    {summary["page"]}'

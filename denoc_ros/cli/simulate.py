@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import argparse
 import hashlib
-import json
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -25,11 +24,12 @@ from denoc_ros.cli.batch import (
 )
 from denoc_ros.cli.config import find_file, read_yaml
 from denoc_ros.cli.report import write_report
-from denoc_ros.cli.setpoints import rounded_setpoints, smoothed
-from denoc_ros.cli.verbs import VERBS
+from denoc_ros.cli.verb_result import VerbResult
+from denoc_ros.cli.verbs import BAD_INPUT, VERBS
 from denoc_ros.dynamics.deflection import TipDeflections
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import ConfigError
+from denoc_ros.estimation.setpoints import rounded_setpoints, smoothed
 from denoc_ros.output_files import require_new
 from denoc_ros.reports.provenance import named_file, versions
 from denoc_ros.reports.run_files import SIMULATED
@@ -139,7 +139,7 @@ def summarize(robot: Robot, result: Run) -> dict[str, Any]:
     }
 
 
-def run_varied(args: argparse.Namespace) -> int:
+def run_varied(args: argparse.Namespace) -> VerbResult:
     """Run `denoc simulate` with --vary; exit status 1 when no run came to its end."""
     ranges = read_ranges(args.vary)
     if args.runs < 1:
@@ -158,8 +158,7 @@ def run_varied(args: argparse.Namespace) -> int:
         progress=not args.json,
     )
     summary = {'output': str(args.output), **summarize_rows(rows, ranges)}
-    print(json.dumps(summary, indent=2) if args.json else '\n'.join(_lines(summary)))
-    return 0 if summary['runs'] else 1
+    return VerbResult(summary, _lines_of_many(summary), 0 if summary['runs'] else BAD_INPUT)
 
 
 def vary(
@@ -259,7 +258,7 @@ def summarize_rows(rows: Sequence[Row], ranges: Ranges) -> dict[str, Any]:
     return {'runs': len(good), 'outcomes': outcomes, 'failures': failures}
 
 
-def _lines(summary: Mapping[str, Any]) -> list[str]:
+def _lines_of_many(summary: Mapping[str, Any]) -> list[str]:
     failures = summary['failures']
     lines = [f'{summary["output"]}: {summary["runs"]} runs, {len(failures)} failed']
     for name, one in summary['outcomes'].items():
@@ -316,8 +315,8 @@ def add_parser(subparsers: Any) -> None:
     add_worker_options(varied)
 
 
-def run(args: argparse.Namespace) -> int:
-    """Run the verb and return the exit status; errors are raised."""
+def run(args: argparse.Namespace) -> VerbResult:
+    """Simulate, once or with the model varied; errors are raised."""
     if args.vary:
         if args.report:
             raise ConfigError('--report', ['the page is of one run, got --vary'])
@@ -332,11 +331,7 @@ def run(args: argparse.Namespace) -> int:
     if args.report:
         write_report(args.output, args.report, args.command)
         summary['report'] = str(args.report)
-    if args.json:
-        print(json.dumps(summary, indent=2))
-    else:
-        _print(args.output, summary)
-    return 0
+    return VerbResult(summary, _lines(summary))
 
 
 def session_of(
@@ -359,16 +354,17 @@ def session_of(
     }
 
 
-def _print(output: Path, summary: dict[str, Any]) -> None:
+def _lines(summary: Mapping[str, Any]) -> Iterator[str]:
+    """Yield the numbers of a run for a terminal."""
     show: Callable[[float], str] = '{:.4g}'.format
-    print(
-        f'{output}: {show(summary["duration_s"])} s, {summary["samples"]} samples, '
+    yield (
+        f'{summary["output"]}: {show(summary["duration_s"])} s, {summary["samples"]} samples, '
         f'{summary["evaluations"]} evaluations'
     )
     change = show(summary['energy_change'])
-    print(f'  total energy: largest change {change} of the largest kinetic energy')
+    yield f'  total energy: largest change {change} of the largest kinetic energy'
     for title, unit in (('largest_torque', 'N m or N'), ('largest_deflection', 'm or rad')):
         for name, value in summary[title].items():
-            print(f'  {title.replace("_", " ")} {name}: {show(value)} {unit}')
+            yield f'  {title.replace("_", " ")} {name}: {show(value)} {unit}'
     if 'report' in summary:
-        print(f'report  {summary["report"]}')
+        yield f'report  {summary["report"]}'

@@ -17,8 +17,8 @@ class VerbResult:
 
     Attributes
     ----------
-    document : mapping
-        As `--json` prints it; numbers that are not finite become null.
+    document : mapping or None
+        As `--json` prints it; numbers that are not finite become null. None: there is nothing.
     lines : iterable of str
         The same for a terminal.
     status : int
@@ -27,14 +27,14 @@ class VerbResult:
         Lines on stderr, whatever is printed.
     """
 
-    document: Mapping[str, Any]
+    document: Mapping[str, Any] | None
     lines: Iterable[str]
     status: int = 0
     notes: Iterable[str] = ()
 
     def show(self, as_json: bool) -> int:
         """Print it and return the exit status."""
-        if as_json:
+        if self.document is not None and as_json:
             print(json.dumps(plain(self.document), indent=2, allow_nan=False))
         else:
             for line in self.lines:
