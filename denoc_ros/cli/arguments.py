@@ -89,13 +89,7 @@ def add_times(group: Any) -> None:
             "unit of a table's times; default: from the column's name (time_ms, t [us]), else s"
         ),
     )
-    group.add_argument(
-        '--rate',
-        metavar='HZ',
-        type=float,
-        default=0.0,
-        help='sample rate of a table without times',
-    )
+    add_numbers(group, ('--rate HZ', 0.0, 'sample rate of a table without times'))
 
 
 def times_findings(rate: float) -> list[str]:
@@ -180,19 +174,16 @@ def number_range(text: str) -> tuple[float, float]:
 
 def add_overrides(parser: argparse.ArgumentParser) -> None:
     """Declare `--set` and `--payload`."""
-    parser.add_argument(
-        '--set',
-        action='append',
-        default=[],
-        metavar='PATH=VALUE',
-        help='change a number of the model, such as beam.upper_arm.y.ei=9e4; repeatable',
-    )
-    parser.add_argument(
-        '--payload',
-        action='append',
-        default=[],
-        metavar='LINK=MASS[,X,Y,Z]',
-        help='add a mass [kg] to a link, with its centre in the link frame [m]; repeatable',
+    add_repeated(
+        parser,
+        (
+            '--set PATH=VALUE',
+            'change a number of the model, such as beam.upper_arm.y.ei=9e4; repeatable',
+        ),
+        (
+            '--payload LINK=MASS[,X,Y,Z]',
+            'add a mass [kg] to a link, with its centre in the link frame [m]; repeatable',
+        ),
     )
 
 

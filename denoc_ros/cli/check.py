@@ -7,7 +7,7 @@ import math
 from pathlib import Path
 from typing import Any
 
-from denoc_ros.cli.arguments import add_gravity, given_file
+from denoc_ros.cli.arguments import add_gravity, add_json, given_file
 from denoc_ros.cli.config import find_file
 from denoc_ros.cli.postures import add_postures, posture, read_postures
 from denoc_ros.cli.verb_result import VerbResult
@@ -40,7 +40,7 @@ def add_parser(subparsers: Any) -> None:
     )
     parser.add_argument('robot', help='the URDF file, in this folder or in the installed package')
     add_gravity(parser)
-    parser.add_argument('--json', action='store_true', help='print machine-readable JSON')
+    add_json(parser)
     add_postures(parser)
     add_bode(parser)
     add_suggestion(parser)

@@ -7,7 +7,14 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from denoc_ros.cli.arguments import add_gravity, add_overrides, given_file, overrides_of
+from denoc_ros.cli.arguments import (
+    add_gravity,
+    add_json,
+    add_numbers,
+    add_overrides,
+    given_file,
+    overrides_of,
+)
 from denoc_ros.cli.postures import add_postures, posture, read_postures
 from denoc_ros.cli.verb_result import VerbResult
 from denoc_ros.cli.verbs import VERBS
@@ -40,10 +47,7 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument(
         '-o', '--output', type=Path, required=True, help='the file to write, a new file'
     )
-    parser.add_argument(
-        '--segments', metavar='N', type=int, default=16,
-        help='hinges per beam and deformation; default: 16',
-    )  # fmt: skip
+    add_numbers(parser, ('--segments N', 16, 'hinges per beam and deformation; default: 16'))
     add_gravity(parser)
     add_overrides(parser)
     parser.add_argument(
@@ -52,7 +56,7 @@ def add_parser(subparsers: Any) -> None:
         help="compare natural frequencies and sag with MuJoCo's, joints held; needs mujoco",
     )
     add_postures(parser)
-    parser.add_argument('--json', action='store_true', help='print machine-readable JSON')
+    add_json(parser)
 
 
 def run(args: argparse.Namespace) -> VerbResult:

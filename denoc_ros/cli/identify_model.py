@@ -13,7 +13,10 @@ import numpy as np
 from denoc_ros.bags.digest import file_hash
 from denoc_ros.cli.arguments import (
     add_gravity,
+    add_json,
+    add_numbers,
     add_overrides,
+    add_repeated,
     add_stamp,
     add_times,
     given_file,
@@ -88,19 +91,14 @@ def _add_model(parser: argparse.ArgumentParser) -> None:
     )
     add_gravity(parser)
     add_overrides(parser)
-    parser.add_argument(
-        '--cutoff',
-        metavar='HZ',
-        type=float,
-        default=20.0,
-        help='above it effort is not compared; default: 20',
-    )
-    parser.add_argument(
-        '--held-out',
-        metavar='PART',
-        type=float,
-        default=0.25,
-        help='last part of each run that a first fit does not see and is judged by; default: 0.25',
+    add_numbers(
+        parser,
+        ('--cutoff HZ', 20.0, 'above it effort is not compared; default: 20'),
+        (
+            '--held-out PART',
+            0.25,
+            'last part of each run that a first fit does not see and is judged by; default: 0.25',
+        ),
     )
     _add_outputs(parser)
     _add_recording(parser)
@@ -122,7 +120,7 @@ def _add_outputs(parser: argparse.ArgumentParser) -> None:
         type=Path,
         help='folder for result.yaml and report.html, or with --each for Parquet files',
     )
-    parser.add_argument('--json', action='store_true', help='print JSON for machines')
+    add_json(parser)
     parser.add_argument(
         '--each',
         action='store_true',
@@ -137,50 +135,37 @@ def _add_recording(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         '--topic', default='/joint_states', help='joint states of a bag; default: /joint_states'
     )
-    group.add_argument(
-        '--rename',
-        action='append',
-        default=[],
-        metavar='OLD=NEW',
-        help='beginning of joint names in the bag, and its replacement in the robot; repeatable',
+    add_repeated(
+        group,
+        (
+            '--rename OLD=NEW',
+            'beginning of joint names in the bag, and its replacement in the robot; repeatable',
+        ),
+        (
+            '--column NAME=COLUMN',
+            "column of a table: JOINT.position, JOINT.velocity, JOINT.effort, or a sensor's "
+            'raw readings as sensor.NAME; repeatable',
+        ),
+        (
+            '--torque-constant JOINT=NM_PER_A',
+            "torque per ampere at the joint, where the joint's effort was recorded as "
+            'current; negative where current turns it the other way; repeatable',
+        ),
+        (
+            '--filter SENSOR=OMEGA,DAMPING',
+            "low-pass of second order that a sensor's readings have passed [rad/s, share of "
+            'critical]; repeatable',
+        ),
+        (
+            '--pose TOPIC=FRAME',
+            'poses (geometry_msgs/PoseStamped) that a tracker measured of a frame of the '
+            "robot, in axes near those of the robot's base; repeatable",
+        ),
     )
-    group.add_argument(
-        '--column',
-        action='append',
-        default=[],
-        metavar='NAME=COLUMN',
-        help="column of a table: JOINT.position, JOINT.velocity, JOINT.effort, or a sensor's raw "
-        'readings as sensor.NAME; repeatable',
-    )
-    group.add_argument(
-        '--torque-constant',
-        action='append',
-        default=[],
-        metavar='JOINT=NM_PER_A',
-        help="torque per ampere at the joint, where the joint's effort was recorded as current; "
-        'negative where current turns it the other way; repeatable',
-    )
-    group.add_argument(
-        '--filter',
-        action='append',
-        default=[],
-        metavar='SENSOR=OMEGA,DAMPING',
-        help="low-pass of second order that a sensor's readings have passed [rad/s, share of "
-        'critical]; repeatable',
-    )
-    group.add_argument(
-        '--pose',
-        action='append',
-        default=[],
-        metavar='TOPIC=FRAME',
-        help='poses (geometry_msgs/PoseStamped) that a tracker measured of a frame of the robot, '
-        "in axes near those of the robot's base; repeatable",
-    )
-    group.add_argument(
-        '--begin', metavar='S', type=float, default=0.0, help='since the first joint state [s]'
-    )
-    group.add_argument(
-        '--end', metavar='S', type=float, default=math.inf, help='since the first joint state [s]'
+    add_numbers(
+        group,
+        ('--begin S', 0.0, 'since the first joint state [s]'),
+        ('--end S', math.inf, 'since the first joint state [s]'),
     )
     add_stamp(group)
     add_times(group)
@@ -339,7 +324,7 @@ def _add_excite(parser: argparse.ArgumentParser) -> None:
         help='also write it as the YAML of a trajectory_msgs/JointTrajectory',
     )
     parser.add_argument('--page', metavar='FILE', type=Path, help='also write an HTML page')
-    parser.add_argument('--json', action='store_true', help='print JSON for machines')
+    add_json(parser)
     _add_motion(parser)
     _add_limits(parser)
     add_gravity(parser)
@@ -364,33 +349,21 @@ def _add_motion(parser: argparse.ArgumentParser) -> None:
             default=default,
             help=f'{text}; default: {default:g}',
         )
-    group.add_argument(
-        '--start',
-        metavar='JOINT=VALUE',
-        action='append',
-        default=[],
-        help='where a joint begins and ends [rad, m]; default: 0; repeatable',
-    )
-    group.add_argument(
-        '--noise',
-        metavar='CHANNEL=VALUE',
-        action='append',
-        default=[],
-        help='standard deviation of a sample of effort, effort.JOINT [N m, N], a sensor, IMU.gyro '
-        '[rad/s] or IMU.accel [m/s^2]; inf: not recorded; default: 1 %% of the effort limit, '
-        "the sensor's noise; repeatable",
+    add_repeated(
+        group,
+        ('--start JOINT=VALUE', 'where a joint begins and ends [rad, m]; default: 0; repeatable'),
+        (
+            '--noise CHANNEL=VALUE',
+            'standard deviation of a sample of effort, effort.JOINT [N m, N], a sensor, '
+            'IMU.gyro [rad/s] or IMU.accel [m/s^2]; inf: not recorded; default: 1 %% of the '
+            "effort limit, the sensor's noise; repeatable",
+        ),
     )
 
 
 def _add_limits(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group("limits in place of the URDF's")
-    group.add_argument(
-        '--position',
-        metavar='JOINT=LOW:HIGH',
-        action='append',
-        default=[],
-        help='range of a joint [rad, m]; repeatable',
-    )
+    add_repeated(group, ('--position JOINT=LOW:HIGH', 'range of a joint [rad, m]; repeatable'))
     for name, (form, text) in LIMITS.items():
         group.add_argument(
             f'--{name}', action='append', default=[], metavar=form, help=f'{text}; repeatable'

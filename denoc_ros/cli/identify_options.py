@@ -11,6 +11,9 @@ from typing import Any
 
 from denoc_ros.cli.arguments import (
     add_gravity,
+    add_json,
+    add_numbers,
+    add_repeated,
     add_stamp,
     add_times,
     named_values,
@@ -77,11 +80,6 @@ def written_result(
     return VerbResult(document, [text(document)], exit_status(document['verdict']), notes)
 
 
-def add_json(parser: argparse.ArgumentParser) -> None:
-    """Declare `--json`."""
-    parser.add_argument('--json', action='store_true', help='print machine-readable JSON')
-
-
 def add_recording_options(parser: argparse.ArgumentParser, several: bool = False) -> None:
     """Declare which recording is identified, or which several, and where the result goes."""
     if several:
@@ -118,19 +116,16 @@ def add_channel_options(parser: argparse.ArgumentParser) -> None:
     )
     add_stamp(group)
     add_times(group)
-    group.add_argument('--gain', type=float, default=1.0, help='value = gain * raw + offset')
-    group.add_argument(
-        '--offset',
-        type=float,
-        default=0.0,
-        help='offset in value = gain * raw + offset, in the unit of the value',
+    add_numbers(
+        group,
+        ('--gain', 1.0, 'value = gain * raw + offset'),
+        ('--offset', 0.0, 'offset in value = gain * raw + offset, in the unit of the value'),
     )
     group.add_argument('--unit', default='', help='unit of the value')
-    group.add_argument(
-        '--begin', metavar='S', type=float, default=0.0, help='since the first sample [s]'
-    )
-    group.add_argument(
-        '--end', metavar='S', type=float, default=math.inf, help='since the first sample [s]'
+    add_numbers(
+        group,
+        ('--begin S', 0.0, 'since the first sample [s]'),
+        ('--end S', math.inf, 'since the first sample [s]'),
     )
 
 
@@ -208,13 +203,11 @@ def add_robot_options(parser: argparse.ArgumentParser, robot: bool = True) -> No
             default='',
             help='robot for the damping coefficients; default: the one in the bag',
         )
-    group.add_argument(
-        '--at',
-        metavar='JOINT=VALUE',
-        action='append',
-        default=[],
-        help=(
-            "position of a joint [rad, m]; default: the bag's /joint_states, else 0; repeatable"
+    add_repeated(
+        group,
+        (
+            '--at JOINT=VALUE',
+            "position of a joint [rad, m]; default: the bag's /joint_states, else 0; repeatable",
         ),
     )
     group.add_argument(

@@ -8,12 +8,11 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
-from denoc_ros.cli.arguments import given_file
+from denoc_ros.cli.arguments import add_json, add_numbers, given_file
 from denoc_ros.cli.batch import Row, WorkerConfig, add_worker_options, worker_config
 from denoc_ros.cli.identify_options import (
     Action,
     add_channel_options,
-    add_json,
     add_recording_options,
     add_robot_options,
     add_verdict_options,
@@ -190,17 +189,14 @@ def _add_joint(parser: argparse.ArgumentParser) -> None:
     add_recording_options(parser)
     add_channel_options(parser)
     group = parser.add_argument_group('the joint')
-    group.add_argument(
-        '--inertia',
-        metavar='KG_M2',
-        type=float,
-        help='inertia about the joint, with motor and gears',
-    )
-    group.add_argument(
-        '--gravity-torque',
-        metavar='N_M',
-        type=float,
-        help='largest gravity torque, m g l: with it the frequency gives the inertia',
+    add_numbers(
+        group,
+        ('--inertia KG_M2', None, 'inertia about the joint, with motor and gears'),
+        (
+            '--gravity-torque N_M',
+            None,
+            'largest gravity torque, m g l: with it the frequency gives the inertia',
+        ),
     )
     group.add_argument(
         '--spring',

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import yaml
 
-from denoc_ros.cli.arguments import given_file
-from denoc_ros.cli.identify_options import Action, add_json, add_robot_options, joint_values
+from denoc_ros.cli.arguments import add_json, given_file
+from denoc_ros.cli.identify_options import Action, add_robot_options, joint_values
 from denoc_ros.cli.verb_result import VerbResult
 from denoc_ros.cli.verbs import DOUBTFUL
 from denoc_ros.dynamics.robot import load_robot

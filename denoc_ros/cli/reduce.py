@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from denoc_ros.cli.arguments import given_file, named_values, require
+from denoc_ros.cli.arguments import add_json, given_file, named_values, require
 from denoc_ros.cli.verb_result import VerbResult
 from denoc_ros.cli.verbs import DOUBTFUL, VERBS
 from denoc_ros.errors import ConfigError, ModelError
@@ -51,7 +51,7 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument(
         '--page', type=Path, metavar='FILE', help='also write an HTML page on the reduction'
     )
-    parser.add_argument('--json', action='store_true', help='print machine-readable JSON')
+    add_json(parser)
     _add_frames(parser)
     _add_material(parser)
     _add_mesh(parser)

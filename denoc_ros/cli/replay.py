@@ -12,7 +12,10 @@ from typing import Any
 
 from denoc_ros.cli.arguments import (
     add_gravity,
+    add_json,
+    add_numbers,
     add_overrides,
+    add_repeated,
     add_stamp,
     add_times,
     named_values,
@@ -88,7 +91,7 @@ def add_parser(subparsers: Any) -> None:
     _add_ways(parser)
     _add_adaptation(parser)
     add_overrides(parser)
-    parser.add_argument('--json', action='store_true', help='print the numbers as JSON')
+    add_json(parser)
 
 
 def _add_table(parser: argparse.ArgumentParser) -> None:
@@ -106,14 +109,12 @@ def _add_table(parser: argparse.ArgumentParser) -> None:
 def _add_ways(parser: argparse.ArgumentParser) -> None:
     add_gravity(parser, None, "the run's, else 0 0 -9.81")
     parser.add_argument('--topic', default='', help='topic of the joint states (default: found)')
-    parser.add_argument(
-        '--joint',
-        action='append',
-        default=[],
-        metavar='NAME',
-        help=(
+    add_repeated(
+        parser,
+        (
+            '--joint NAME',
             'a driven joint; in a mechanism the driven joints determine the motion (default: '
-            'all); repeatable'
+            'all); repeatable',
         ),
     )
     parser.add_argument(
@@ -141,13 +142,7 @@ def _add_ways(parser: argparse.ArgumentParser) -> None:
         default='filter',
         help='method for velocities and accelerations: local polynomials, or a Kalman smoother',
     )
-    parser.add_argument(
-        '--cutoff',
-        type=float,
-        default=20.0,
-        metavar='HZ',
-        help='bandwidth of this method, default 20',
-    )
+    add_numbers(parser, ('--cutoff HZ', 20.0, 'bandwidth of this method, default 20'))
     add_stamp(parser)
     parser.add_argument(
         '--fit-friction',
@@ -158,22 +153,17 @@ def _add_ways(parser: argparse.ArgumentParser) -> None:
 
 def _add_adaptation(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group('tracked numbers, as `adapt` of the predictor')
-    group.add_argument(
-        '--adapt',
-        action='append',
-        default=[],
-        metavar='PATH',
-        help=(
+    add_repeated(
+        group,
+        (
+            '--adapt PATH',
             'number of the model that is tracked over time: payload.tool.mass, beam.*.ei; '
-            'repeatable'
+            'repeatable',
         ),
-    )
-    group.add_argument(
-        '--adapt-bounds',
-        action='append',
-        default=[],
-        metavar='PATH=LOW:HIGH',
-        help='its bounds (default: half to one and a half of its value); repeatable',
+        (
+            '--adapt-bounds PATH=LOW:HIGH',
+            'its bounds (default: half to one and a half of its value); repeatable',
+        ),
     )
     for name, unit, text in (
         ('rate', 'PER_S', 'largest change in a second, as a share of the bounds, default 1'),

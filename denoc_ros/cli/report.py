@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from denoc_ros.cli.arguments import unused
+from denoc_ros.cli.arguments import add_json, unused
 from denoc_ros.cli.verb_result import VerbResult
 from denoc_ros.cli.verbs import VERBS
 from denoc_ros.reports.run import report
@@ -33,7 +33,7 @@ def add_parser(subparsers: Any) -> None:
         type=Path,
         help='file of the page; default: report.html in the run, or BAG.html here',
     )
-    parser.add_argument('--json', action='store_true', help='print the numbers as JSON')
+    add_json(parser)
 
 
 def run(args: argparse.Namespace) -> VerbResult:

@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 
 from denoc_ros.cli.arguments import (
     add_gravity,
+    add_json,
+    add_numbers,
     add_overrides,
     given_file,
     named_values,
@@ -120,14 +122,8 @@ def add_parser(subparsers: Any) -> None:
         help='method tip and rest_to_rest: the timing is free, in the least time within '
         'the limits',
     )
-    parser.add_argument('--json', action='store_true', help='print the summary as JSON')
-    parser.add_argument(
-        '--interval',
-        metavar='S',
-        type=float,
-        default=0.02,
-        help='time between rows; default: 0.02',
-    )
+    add_json(parser)
+    add_numbers(parser, ('--interval S', 0.02, 'time between rows; default: 0.02'))
     add_gravity(parser, None, "the motion file's, else 0 0 -9.81")
     add_overrides(parser)
     _add_limits(parser)
@@ -154,11 +150,9 @@ def _add_limits(parser: argparse.ArgumentParser) -> None:
             type=float,
             help=f'largest {name.replace("_", " ")} [{unit}]',
         )
-    group.add_argument(
-        '--margin',
-        metavar='SHARE',
-        type=float,
-        help='share of every limit but positions that is kept free',
+    add_numbers(
+        group,
+        ('--margin SHARE', None, 'share of every limit but positions that is kept free'),
     )
 
 

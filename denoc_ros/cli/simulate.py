@@ -12,7 +12,14 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from denoc_ros.cli.arguments import given_file, named_values, number_range, require
+from denoc_ros.cli.arguments import (
+    add_json,
+    add_repeated,
+    given_file,
+    named_values,
+    number_range,
+    require,
+)
 from denoc_ros.cli.batch import (
     FAILURE,
     Row,
@@ -290,7 +297,7 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument(
         '--report', metavar='FILE', type=Path, help='also write the HTML page of the run'
     )
-    parser.add_argument('--json', action='store_true', help='print the summary as JSON')
+    add_json(parser)
     parser.add_argument(
         '--smooth',
         metavar='HZ',
@@ -298,14 +305,12 @@ def add_parser(subparsers: Any) -> None:
         help='remove faster motion, such as rounding errors, from the points of the scenario',
     )
     varied = parser.add_argument_group('many runs, with the model varied')
-    varied.add_argument(
-        '--vary',
-        metavar='PATH=LOW:HIGH',
-        action='append',
-        default=[],
-        help=(
-            'draw a value of the model from a uniform distribution (beam.LINK.y.ei=8e4:1.2e5);'
-            ' repeatable'
+    add_repeated(
+        varied,
+        (
+            '--vary PATH=LOW:HIGH',
+            'draw a value of the model from a uniform distribution '
+            '(beam.LINK.y.ei=8e4:1.2e5); repeatable',
         ),
     )
     varied.add_argument(

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from denoc_ros.bags.series import read_joint_states
+from denoc_ros.cli.arguments import add_json
 from denoc_ros.cli.config import AUTO, REAL, SIMULATED, TIMES, SessionConfig, load_config
 from denoc_ros.cli.interrupts import Interrupts
 from denoc_ros.cli.node_parameters import check_parameters, session_plant
@@ -113,7 +114,7 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument(
         '--view', action='store_true', help='show the robot in the browser; prints the address'
     )
-    parser.add_argument('--json', action='store_true', help='print the summary as JSON')
+    add_json(parser)
 
 
 def run(args: argparse.Namespace) -> int:

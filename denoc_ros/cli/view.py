@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from denoc_ros.bags.reader import read_description
-from denoc_ros.cli.arguments import add_gravity
+from denoc_ros.cli.arguments import add_gravity, add_numbers
 from denoc_ros.cli.config import find_file, read_yaml, share_directory
 from denoc_ros.cli.progress import Progress
 from denoc_ros.cli.verbs import VERBS
@@ -164,20 +164,12 @@ def add_film_options(parser: argparse.ArgumentParser) -> None:
         metavar='NAME',
         help='phases that the film shows beside each other, each from its beginning',
     )
-    group.add_argument(
-        '--moments',
-        type=int,
-        default=6,
-        metavar='N',
-        help='number of snapshots of the strip, default 6',
+    add_numbers(
+        group,
+        ('--moments N', 6, 'number of snapshots of the strip, default 6'),
+        ('--speed', 1.0, 'speed of the film: 0.1 is ten times slower than real time'),
+        ('--fps', None, 'frames per second, default 30, for a GIF 20'),
     )
-    group.add_argument(
-        '--speed',
-        type=float,
-        default=1.0,
-        help='speed of the film: 0.1 is ten times slower than real time',
-    )
-    group.add_argument('--fps', type=float, help='frames per second, default 30, for a GIF 20')
     group.add_argument(
         '--size', default='', metavar='WxH', help='size in pixels, default 1280x720'
     )

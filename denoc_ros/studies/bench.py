@@ -14,6 +14,7 @@ from itertools import chain
 from pathlib import Path
 from typing import Any
 
+from denoc_ros.cli.arguments import add_json
 from denoc_ros.cli.config import find_file
 from denoc_ros.cli.verbs import VERBS
 from denoc_ros.studies.benchmarks import batches, derivatives, growth, loading, loops, rigid
@@ -53,7 +54,7 @@ def add_parser(subparsers: Any) -> None:
         action='store_true',
         help='check everything with less work, in seconds; times and limits then mean nothing',
     )
-    parser.add_argument('--json', action='store_true', help='print machine-readable JSON')
+    add_json(parser)
 
 
 def run(args: argparse.Namespace) -> int:

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import binom
 
+from denoc_ros.cli.arguments import add_json
 from denoc_ros.cli.batch import FAILURE, add_worker_options, run_batch, worker_config
 from denoc_ros.cli.identify_options import Action
 from denoc_ros.cli.verb_result import VerbResult
@@ -287,7 +288,7 @@ def _add_selftest(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--seed', type=int, help='seed, to repeat a run; default: drawn now, and printed'
     )
-    parser.add_argument('--json', action='store_true', help='print machine-readable JSON')
+    add_json(parser)
     add_worker_options(parser)
 
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from denoc_ros.cli.arguments import given_file
+from denoc_ros.cli.arguments import add_json, given_file
 from denoc_ros.cli.progress import share_bar
 from denoc_ros.cli.simulate import load
 from denoc_ros.cli.verb_result import VerbResult
@@ -64,7 +64,7 @@ def add_parser(subparsers: Any) -> None:
         default=Path('stability.html'),
         help='file of the page; default: stability.html here',
     )
-    parser.add_argument('--json', action='store_true', help='print the numbers as JSON')
+    add_json(parser)
 
 
 def run(args: argparse.Namespace) -> VerbResult:
