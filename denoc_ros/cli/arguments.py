@@ -52,6 +52,19 @@ def add_numbers(parser: Any, *options: tuple[str, float | None, str]) -> None:
         parser.add_argument(name, metavar=unit or None, type=kind, default=default, help=text)
 
 
+def add_output(parser: Any, form: str, text: str, required: bool = False) -> None:
+    """Declare `-o` and `--output`, a path that the help shows as `form`."""
+    parser.add_argument(
+        '-o', '--output', metavar=form or None, type=Path, required=required, help=text
+    )
+
+
+def add_window(group: Any, of: str) -> None:
+    """Declare `--begin` and `--end`, counted from the first of something."""
+    since = f'since the first {of} [s]'
+    add_numbers(group, ('--begin S', 0.0, since), ('--end S', math.inf, since))
+
+
 def add_gravity(
     parser: Any, default: tuple[float, float, float] | None = EARTH, said: str = '0 0 -9.81'
 ) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 
 from denoc_ros.bags.readings import read_inertial, read_readings
 from denoc_ros.bags.series import read_joint_states
-from denoc_ros.cli.arguments import add_gravity, add_json, add_numbers
+from denoc_ros.cli.arguments import add_gravity, add_json, add_numbers, add_output
 from denoc_ros.cli.config import find_file
 from denoc_ros.cli.verb_result import VerbResult
 from denoc_ros.cli.verbs import DOUBTFUL, NOT_IDENTIFIABLE, VERBS
@@ -166,9 +166,7 @@ def add_parser(subparsers: Any) -> None:
     )
     add_gravity(parser)
     add_numbers(parser, ('--hold S', 1.0, 'shortest plateau [s], default 1'))
-    parser.add_argument(
-        '-o', '--output', type=Path, help='write the calibrated URDF to a new file'
-    )
+    add_output(parser, '', 'write the calibrated URDF to a new file')
     parser.add_argument(
         '--write', action='store_true', help='write the calibration into the robot file itself'
     )

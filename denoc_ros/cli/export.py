@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 from denoc_ros.cli.arguments import (
     add_gravity,
     add_json,
     add_numbers,
+    add_output,
     add_overrides,
     given_file,
     overrides_of,
@@ -44,9 +44,7 @@ def add_parser(subparsers: Any) -> None:
         'format', choices=('mjcf', 'sdf'), help='mjcf: an XML file of MuJoCo; sdf: of Gazebo'
     )
     parser.add_argument('robot', help='the URDF file')
-    parser.add_argument(
-        '-o', '--output', type=Path, required=True, help='the file to write, a new file'
-    )
+    add_output(parser, '', 'the file to write, a new file', required=True)
     add_numbers(parser, ('--segments N', 16, 'hinges per beam and deformation; default: 16'))
     add_gravity(parser)
     add_overrides(parser)

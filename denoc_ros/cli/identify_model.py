@@ -15,10 +15,12 @@ from denoc_ros.cli.arguments import (
     add_gravity,
     add_json,
     add_numbers,
+    add_output,
     add_overrides,
     add_repeated,
     add_stamp,
     add_times,
+    add_window,
     given_file,
     named_values,
     number_range,
@@ -113,12 +115,10 @@ def _add_outputs(parser: argparse.ArgumentParser) -> None:
         type=Path,
         help='write the robot with what was found: a new file',
     )
-    parser.add_argument(
-        '-o',
-        '--output',
-        metavar='FOLDER',
-        type=Path,
-        help='folder for result.yaml and report.html, or with --each for Parquet files',
+    add_output(
+        parser,
+        'FOLDER',
+        'folder for result.yaml and report.html, or with --each for Parquet files',
     )
     add_json(parser)
     parser.add_argument(
@@ -162,11 +162,7 @@ def _add_recording(parser: argparse.ArgumentParser) -> None:
             "robot, in axes near those of the robot's base; repeatable",
         ),
     )
-    add_numbers(
-        group,
-        ('--begin S', 0.0, 'since the first joint state [s]'),
-        ('--end S', math.inf, 'since the first joint state [s]'),
-    )
+    add_window(group, 'joint state')
     add_stamp(group)
     add_times(group)
 
@@ -310,12 +306,11 @@ def _add_excite(parser: argparse.ArgumentParser) -> None:
         required=True,
         help='what is to be identified, as of `denoc identify model`',
     )
-    parser.add_argument(
-        '-o',
-        '--output',
-        type=Path,
+    add_output(
+        parser,
+        '',
+        'the motion: a .yaml reference that `denoc up` and `denoc simulate` read',
         required=True,
-        help='the motion: a .yaml reference that `denoc up` and `denoc simulate` read',
     )
     parser.add_argument(
         '--trajectory',

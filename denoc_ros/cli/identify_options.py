@@ -13,9 +13,11 @@ from denoc_ros.cli.arguments import (
     add_gravity,
     add_json,
     add_numbers,
+    add_output,
     add_repeated,
     add_stamp,
     add_times,
+    add_window,
     named_values,
     require,
     times_findings,
@@ -86,13 +88,7 @@ def add_recording_options(parser: argparse.ArgumentParser, several: bool = False
         parser.add_argument('path', metavar='BAG', type=Path, nargs='+', help='bags or tables')
     else:
         parser.add_argument('path', metavar='BAG', type=Path, help='a bag or a table')
-    parser.add_argument(
-        '-o',
-        '--output',
-        metavar='FOLDER',
-        type=Path,
-        help='folder for result.yaml and report.html',
-    )
+    add_output(parser, 'FOLDER', 'folder for result.yaml and report.html')
     add_json(parser)
 
 
@@ -122,11 +118,7 @@ def add_channel_options(parser: argparse.ArgumentParser) -> None:
         ('--offset', 0.0, 'offset in value = gain * raw + offset, in the unit of the value'),
     )
     group.add_argument('--unit', default='', help='unit of the value')
-    add_numbers(
-        group,
-        ('--begin S', 0.0, 'since the first sample [s]'),
-        ('--end S', math.inf, 'since the first sample [s]'),
-    )
+    add_window(group, 'sample')
 
 
 def add_verdict_options(parser: argparse.ArgumentParser) -> None:

@@ -8,7 +8,7 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
-from denoc_ros.cli.arguments import add_json, add_numbers, given_file
+from denoc_ros.cli.arguments import add_json, add_numbers, add_output, given_file
 from denoc_ros.cli.batch import Row, WorkerConfig, add_worker_options, worker_config
 from denoc_ros.cli.identify_options import (
     Action,
@@ -28,7 +28,14 @@ from denoc_ros.errors import BagError, ConfigError
 from denoc_ros.identification.channel import read_record
 from denoc_ros.identification.forced import identify_forced
 from denoc_ros.identification.joint import fit_joint, joint_result
-from denoc_ros.identification.result import DecayOptions, Document, describe, identify_decay
+from denoc_ros.identification.result import (
+    TABLE_COLUMNS,
+    DecayOptions,
+    Document,
+    describe,
+    flat_mode,
+    identify_decay,
+)
 from denoc_ros.identification.segments import find_segments
 from denoc_ros.reports.identify_signals import (
     decay_page,
@@ -86,15 +93,11 @@ def _add_modal(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         'paths', metavar='BAG', nargs='+', help="bags, tables, folders, or 'bags/**/*.mcap'"
     )
-    parser.add_argument(
-        '-o',
-        '--output',
-        metavar='FOLDER',
-        type=Path,
-        help=(
-            'folder for result.yaml, modes.csv and report.html of one recording, or for '
-            'Parquet files of several, which grow'
-        ),
+    add_output(
+        parser,
+        'FOLDER',
+        'folder for result.yaml, modes.csv and report.html of one recording, or for Parquet '
+        'files of several, which grow',
     )
     add_json(parser)
     add_channel_options(parser)
@@ -146,13 +149,11 @@ def modal_row(item: tuple[DecayOptions, Path]) -> Row:
     document, _ = identify_decay(path, options)
     for note in _left_out(options, document):
         print(note, file=sys.stderr)
-    modes = document['modes']
+    modes = [flat_mode(mode) for mode in document['modes']]
     return {
         'verdict': document['verdict'],
         'modes': len(modes),
         **{name: [mode[name] for mode in modes] for name in OF_MODES},
-        'interval_low': [mode['interval'][0] for mode in modes],
-        'interval_high': [mode['interval'][1] for mode in modes],
         'begin_s': document['window']['begin_s'],
         'end_s': document['window']['end_s'],
         'reasons': '; '.join(document['reasons']),
@@ -166,21 +167,10 @@ def _shown(row: Row) -> Row:
     }
 
 
-OF_MODES = ('frequency_hz', 'damping_ratio', 'bound', 'amplitude', 'snr_db')
+OF_MODES = TABLE_COLUMNS[:-1]  # all but the verdict
 MODAL = RowKind(
     modal_row,
-    {
-        'modes': int,
-        'frequency_hz': list,
-        'damping_ratio': list,
-        'interval_low': list,
-        'interval_high': list,
-        'bound': list,
-        'amplitude': list,
-        'snr_db': list,
-        'begin_s': float,
-        'end_s': float,
-    },
+    {'modes': int, **dict.fromkeys(OF_MODES, list), 'begin_s': float, 'end_s': float},
     _shown,
 )
 

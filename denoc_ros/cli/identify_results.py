@@ -9,7 +9,7 @@ from pathlib import Path
 
 import yaml
 
-from denoc_ros.cli.arguments import add_json, given_file
+from denoc_ros.cli.arguments import add_json, add_output, given_file
 from denoc_ros.cli.identify_options import Action, add_robot_options, joint_values
 from denoc_ros.cli.verb_result import VerbResult
 from denoc_ros.cli.verbs import DOUBTFUL
@@ -32,14 +32,7 @@ def _add_results(parser: argparse.ArgumentParser) -> None:
 def _add_apply(parser: argparse.ArgumentParser) -> None:
     _add_results(parser)
     parser.add_argument('--robot', metavar='URDF', required=True, help='URDF file of the robot')
-    parser.add_argument(
-        '-o',
-        '--output',
-        metavar='URDF',
-        type=Path,
-        required=True,
-        help='URDF file to write, must not exist',
-    )
+    add_output(parser, 'URDF', 'URDF file to write, must not exist', required=True)
     parser.add_argument('--joint', default='', help='joint to which the friction belongs')
     parser.add_argument('--doubtful', action='store_true', help='use doubtful modes too')
     add_robot_options(parser, robot=False)
@@ -84,14 +77,7 @@ def _compare(args: argparse.Namespace) -> VerbResult:
 
 def _add_postures(parser: argparse.ArgumentParser) -> None:
     _add_results(parser)
-    parser.add_argument(
-        '-o',
-        '--output',
-        metavar='FILE',
-        type=Path,
-        required=True,
-        help='table of modes to write (.yaml), must not exist',
-    )
+    add_output(parser, 'FILE', 'table of modes to write (.yaml), must not exist', required=True)
     parser.add_argument('--doubtful', action='store_true', help='use doubtful modes too')
 
 

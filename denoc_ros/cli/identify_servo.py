@@ -4,7 +4,13 @@ from __future__ import annotations
 
 import argparse
 
-from denoc_ros.cli.arguments import add_numbers, add_stamp, add_times, named_values, times_findings
+from denoc_ros.cli.arguments import (
+    add_stamp,
+    add_times,
+    add_window,
+    named_values,
+    times_findings,
+)
 from denoc_ros.cli.identify_options import Action, add_recording_options, written_result
 from denoc_ros.cli.verb_result import VerbResult
 from denoc_ros.errors import ConfigError
@@ -47,11 +53,7 @@ def _add_servo(parser: argparse.ArgumentParser) -> None:
     )
     add_stamp(group)
     add_times(group)
-    add_numbers(
-        group,
-        ('--begin S', 0.0, 'since the first measurement [s]'),
-        ('--end S', float('inf'), 'since the first measurement [s]'),
-    )
+    add_window(group, 'measurement')
 
 
 def _servo(args: argparse.Namespace) -> VerbResult:

@@ -9,7 +9,6 @@ from typing import Any
 from tqdm import tqdm
 
 from denoc_ros.bags.recover import recover
-from denoc_ros.cli.arguments import add_json
 from denoc_ros.cli.verb_result import VerbResult
 from denoc_ros.cli.verbs import DOUBTFUL, VERBS
 
@@ -31,7 +30,7 @@ def add_parser(subparsers: Any) -> None:
         type=Path,
         help='new bag folder, or new .mcap for a single file (default: BAG_recovered)',
     )
-    add_json(parser)
+    parser.add_argument('--json', action='store_true', help='print JSON for machines')
 
 
 def run(args: argparse.Namespace) -> VerbResult:

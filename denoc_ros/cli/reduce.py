@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from denoc_ros.cli.arguments import add_json, given_file, named_values, require
+from denoc_ros.cli.arguments import add_json, add_output, given_file, named_values, require
 from denoc_ros.cli.verb_result import VerbResult
 from denoc_ros.cli.verbs import DOUBTFUL, VERBS
 from denoc_ros.errors import ConfigError, ModelError
@@ -42,11 +42,13 @@ def add_parser(subparsers: Any) -> None:
         ),
     )
     parser.add_argument('source', help='the mesh, the URDF, or the stiffness matrix')
-    parser.add_argument(
-        '-o', '--output', type=Path, required=True,
-        help="the link's file, .npz; of a URDF also .urdf: the robot with the link, and the file "
+    add_output(
+        parser,
+        '',
+        "the link's file, .npz; of a URDF also .urdf: the robot with the link, and the file "
         'beside it',
-    )  # fmt: skip
+        required=True,
+    )
     parser.add_argument('--link', metavar='NAME', help='link of the URDF')
     parser.add_argument(
         '--page', type=Path, metavar='FILE', help='also write an HTML page on the reduction'

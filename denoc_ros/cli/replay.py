@@ -14,6 +14,7 @@ from denoc_ros.cli.arguments import (
     add_gravity,
     add_json,
     add_numbers,
+    add_output,
     add_overrides,
     add_repeated,
     add_stamp,
@@ -70,12 +71,10 @@ def add_parser(subparsers: Any) -> None:
             'the bag'
         ),
     )
-    parser.add_argument(
-        '-o',
-        '--output',
-        type=Path,
-        metavar='BAG',
-        help='the new bag, a folder or a .mcap file (default: BAG_replay here, or replay in the '
+    add_output(
+        parser,
+        'BAG',
+        'the new bag, a folder or a .mcap file (default: BAG_replay here, or replay in the '
         "run's directory)",
     )
     parser.add_argument(

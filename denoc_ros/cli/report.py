@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from denoc_ros.cli.arguments import add_json, unused
+from denoc_ros.cli.arguments import add_json, add_output, unused
 from denoc_ros.cli.verb_result import VerbResult
 from denoc_ros.cli.verbs import VERBS
 from denoc_ros.reports.run import report
@@ -26,12 +26,10 @@ def add_parser(subparsers: Any) -> None:
         ),
     )
     parser.add_argument('run', metavar='RUN', type=Path, help="a run's directory, or a bag")
-    parser.add_argument(
-        '-o',
-        '--output',
-        metavar='FILE',
-        type=Path,
-        help='file of the page; default: report.html in the run, or BAG.html here',
+    add_output(
+        parser,
+        'FILE',
+        'file of the page; default: report.html in the run, or BAG.html here',
     )
     add_json(parser)
 

@@ -10,14 +10,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from denoc_ros.cli.config import AUTO, REAL, SIMULATED, Parameters, Phase, SessionConfig
-from denoc_ros.cli.health import Health
 from denoc_ros.cli.node_parameters import (
     changed_parameters,
     node_parameters,
     node_table,
     write_parameters,
 )
-from denoc_ros.cli.processes import ProcessError, Processes
+from denoc_ros.cli.processes import Health, ProcessError, Processes
 from denoc_ros.cli.progress import Progress
 from denoc_ros.cli.session_file import SessionFile
 from denoc_ros.cli.session_time import (

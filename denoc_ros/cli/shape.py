@@ -14,6 +14,7 @@ from denoc_ros.cli.arguments import (
     add_gravity,
     add_json,
     add_numbers,
+    add_output,
     add_overrides,
     given_file,
     named_values,
@@ -94,12 +95,11 @@ def add_parser(subparsers: Any) -> None:
         help='a YAML file: a reference, a scenario or configuration that has one, or a '
         'trajectory_msgs/JointTrajectory',
     )
-    parser.add_argument(
-        '-o',
-        '--output',
-        type=Path,
+    add_output(
+        parser,
+        '',
+        'the plan: .yaml for a reference of the joints, .csv for a table of all quantities',
         required=True,
-        help='the plan: .yaml for a reference of the joints, .csv for a table of all quantities',
     )
     parser.add_argument(
         '--method', choices=METHODS, default='tip', help='method of planning; default: tip'

@@ -14,6 +14,7 @@ from tqdm import tqdm
 
 from denoc_ros.cli.arguments import (
     add_json,
+    add_output,
     add_repeated,
     given_file,
     named_values,
@@ -287,12 +288,11 @@ def add_parser(subparsers: Any) -> None:
     )
     parser.add_argument('robot', help='the URDF file')
     parser.add_argument('scenario', help='a YAML file, such as config/scenarios/*.yaml')
-    parser.add_argument(
-        '-o',
-        '--output',
-        type=Path,
+    add_output(
+        parser,
+        '',
+        'new .mcap file or bag folder; with --vary a folder of Parquet files, which grow',
         required=True,
-        help='new .mcap file or bag folder; with --vary a folder of Parquet files, which grow',
     )
     parser.add_argument(
         '--report', metavar='FILE', type=Path, help='also write the HTML page of the run'

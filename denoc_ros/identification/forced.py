@@ -15,7 +15,7 @@ from denoc_ros.identification.channel import Channel, Reading, read_record
 from denoc_ros.identification.curves import NORMAL_95, pole_zeta_deviation, zeta_and_rate
 from denoc_ros.identification.modes import DOUBTFUL, GOOD, NOT_IDENTIFIABLE, strongest, worst
 from denoc_ros.identification.records import Record, assess
-from denoc_ros.identification.result import Document, quality_of, source_of
+from denoc_ros.identification.result import Document, mode_values, quality_of, source_of
 from denoc_ros.identification.spectra import even_record
 from denoc_ros.output_files import plain
 from denoc_ros.types import Array
@@ -31,6 +31,10 @@ COST = 5.0  # of one mode, in log(lines): pole, residue and the search for it
 WIDEST = 0.1  # relative deviation of a good mode's damping ratio
 USELESS = 0.5
 LEAST_EXPLAINED = 0.8
+OF_MODE = (
+    *('frequency', 'damping_ratio', 'interval', 'formal_interval', 'window_interval'),
+    'strength',
+)
 ALIKE = 0.02  # smallest over largest singular value of the inputs: less is one input twice
 
 
@@ -405,15 +409,9 @@ def identify_forced(
         'method': 'rational frequency response at the excited lines, least squares; order by BIC',
         'modes': [
             {
-                'frequency_hz': found.frequency[k],
-                'damping_ratio': found.damping_ratio[k],
-                'interval': found.interval[k],
-                'formal_interval': found.formal_interval[k],
-                'window_interval': found.window_interval[k],
-                'strength': found.strength[k],
+                **mode_values(found, k, OF_MODE),
                 'asked': k in asked,
-                'verdict': found.verdict[k],
-                'reasons': found.reasons[k],
+                **mode_values(found, k, ('verdict', 'reasons')),
             }
             for k in range(len(found.frequency))
         ],

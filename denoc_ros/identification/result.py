@@ -49,6 +49,23 @@ TABLE_COLUMNS = (
     'verdict',
 )
 
+# keys of values with units
+KEYS = {
+    'frequency': 'frequency_hz',
+    'frequency_deviation': 'frequency_deviation_hz',
+    'phase': 'phase_rad',
+    'time': 'time_s',
+    'duration': 'duration_s',
+    'rate': 'rate_hz',
+    'longest_gap': 'longest_gap_s',
+}
+OF_MODE = (
+    *('frequency', 'frequency_deviation', 'damping_ratio'),
+    *('interval', 'formal_interval', 'window_interval', 'bound'),
+    *('amplitude', 'phase', 'snr_db', 'verdict', 'reasons'),
+)
+OF_WINDOWS = ('time', 'amplitude', 'frequency', 'damping_ratio', 'deviation')
+
 Document = dict[str, Any]
 
 
@@ -247,22 +264,8 @@ def _signal(path: Path, channel: Channel) -> Document:
         reading = read_record(path, channel)
     except DenocError as error:
         return {'signal': channel.name, 'problem': str(error)}
-    quality = assess(reading.record)
-    row = {
-        'signal': reading.channel.name,
-        'samples': quality.samples,
-        'duration_s': quality.duration,
-        'rate_hz': quality.rate,
-        'gaps': quality.gaps,
-        'longest_gap_s': quality.longest_gap,
-        'lost': quality.lost,
-        'jitter': quality.jitter,
-        'clipped': quality.clipped.sum(),
-        'resolution': quality.resolution,
-        'noise': quality.noise,
-        'snr_db': quality.snr_db,
-    }
-    return dict(plain(row))
+    row = {'signal': reading.channel.name, **quality_of(assess(reading.record))}
+    return {KEYS.get(key, key): value for key, value in row.items()}
 
 
 def write_result(folder: Path, document: Mapping[str, Any]) -> None:
@@ -274,7 +277,8 @@ def write_result(folder: Path, document: Mapping[str, Any]) -> None:
         table = io.StringIO(newline='')
         writer = csv.writer(table)
         writer.writerow(TABLE_COLUMNS)
-        writer.writerows(table_rows(document))
+        for mode in map(flat_mode, document['modes']):
+            writer.writerow([mode[name] for name in TABLE_COLUMNS])
         write_text(folder / TABLE_FILE, table.getvalue())
 
 
@@ -298,47 +302,22 @@ def read_result(path: Path) -> Document:
     return document
 
 
-def table_rows(document: Mapping[str, Any]) -> list[list[Any]]:
-    """Return the rows of modes.csv, in the order of TABLE_COLUMNS."""
-    return [
-        [
-            mode['frequency_hz'],
-            mode['damping_ratio'],
-            *mode['interval'],
-            mode['bound'],
-            mode['amplitude'],
-            mode['snr_db'],
-            mode['verdict'],
-        ]
-        for mode in document['modes']
-    ]
+def flat_mode(mode: Mapping[str, Any]) -> Document:
+    """Return a mode of a result with the ends of its interval as numbers of their own."""
+    low, high = mode['interval']
+    return {**mode, 'interval_low': low, 'interval_high': high}
+
+
+def mode_values(found: Any, k: int, names: Sequence[str]) -> Document:
+    """Return attributes of mode k by their keys in a result."""
+    return {KEYS.get(name, name): getattr(found, name)[k] for name in names}
 
 
 def _mode(modes: Modes, k: int) -> Document:
-    curve = modes.curves[k]
-    values: Document = {
-        'frequency_hz': modes.frequency[k],
-        'frequency_deviation_hz': modes.frequency_deviation[k],
-        'damping_ratio': modes.damping_ratio[k],
-        'interval': modes.interval[k],
-        'formal_interval': modes.formal_interval[k],
-        'window_interval': modes.window_interval[k],
-        'bound': modes.bound[k],
-        'amplitude': modes.amplitude[k],
-        'phase_rad': modes.phase[k],
-        'snr_db': modes.snr_db[k],
-        'verdict': modes.verdict[k],
-        'reasons': modes.reasons[k],
-    }
+    values, curve = mode_values(modes, k, OF_MODE), modes.curves[k]
     if curve is not None:
         values['amplitude_dependent'] = curve.dependent
-        values['windows'] = {
-            'time_s': curve.time,
-            'amplitude': curve.amplitude,
-            'frequency_hz': curve.frequency,
-            'damping_ratio': curve.damping_ratio,
-            'deviation': curve.deviation,
-        }
+        values['windows'] = {KEYS.get(name, name): getattr(curve, name) for name in OF_WINDOWS}
     return values
 
 
