@@ -86,7 +86,7 @@ def _postures(args: argparse.Namespace) -> VerbResult:
     require_new(args.output)
     if args.output.suffix not in ('.yaml', '.yml'):
         raise ConfigError('postures', [f'--output must end in .yaml, got {args.output.name!r}'])
-    results = {path: read_result(path) for path in args.results}
+    results = [(path, read_result(path)) for path in args.results]
     table, good = posture_table(results, args.doubtful, str(args.output))
     values = table.text_values()
     write_text(args.output, yaml.safe_dump(values, sort_keys=False, default_flow_style=None))

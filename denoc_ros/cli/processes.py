@@ -1,4 +1,4 @@
-"""Processes of a session's nodes: started, watched, ended; their health by messages and activity."""
+"""Processes of a session's nodes: started, watched, ended; their health by messages."""
 
 from __future__ import annotations
 

@@ -264,14 +264,14 @@ def overrides_of_results(
 
 
 def posture_table(
-    results: Mapping[Path, Mapping[str, Any]], doubtful: bool, name: str
+    results: Sequence[tuple[Path, Mapping[str, Any]]], doubtful: bool, name: str
 ) -> tuple[ModeTable, bool]:
     """Return the modes over postures that results have, one posture each; and if all are good.
 
     Parameters
     ----------
-    results : mapping
-        By their files, which errors name.
+    results : sequence of (Path, mapping)
+        With their files, which errors name.
     doubtful : bool
         Whether doubtful modes count too.
     name : str
@@ -282,12 +282,12 @@ def posture_table(
     ConfigError, IdentificationError
         Results without a posture, of other joints or of another number of modes.
     """
-    rows = [_posture_row(path, result, doubtful) for path, result in results.items()]
+    rows = [_posture_row(path, result, doubtful) for path, result in results]
     first, modes = rows[0]
     findings = [
-        f'{path}: must have the joints and as many modes as {next(iter(results))} '
+        f'{path}: must have the joints and as many modes as {results[0][0]} '
         f'({len(modes)} of {", ".join(first)}), got {len(row[1])} of {", ".join(row[0])}'
-        for path, row in zip(results, rows, strict=True)
+        for (path, _), row in zip(results, rows, strict=True)
         if row[0].keys() != first.keys() or len(row[1]) != len(modes)
     ]
     ConfigError.raise_any('command line', findings)
