@@ -18,7 +18,7 @@ from denoc_ros.errors import ConfigError
 from denoc_ros.identification.apply import compare_results, overrides_of_results, posture_table
 from denoc_ros.identification.result import read_result
 from denoc_ros.model.overrides import edited_description
-from denoc_ros.output_files import require_new, write_text
+from denoc_ros.output_files import plain, require_new, write_text
 from denoc_ros.reports.text_table import text_table
 
 
@@ -61,9 +61,9 @@ def _compare(args: argparse.Namespace) -> VerbResult:
             'f [Hz]': mode.frequency_hz,
             'runs': f'{len(mode.runs)} of {len(args.results)}',
             'zeta': mode.damping_ratio,
-            'deviation': _finite(mode.damping_deviation),
+            'deviation': mode.damping_deviation,
             'expected': mode.expected_deviation,
-            'repeatability': _finite(mode.repeatability),
+            'repeatability': mode.repeatability,
             'of zeta': _percent(mode.repeatability / mode.damping_ratio),
             'consistent': 'yes' if mode.consistent else 'no',
         }
@@ -72,7 +72,7 @@ def _compare(args: argparse.Namespace) -> VerbResult:
     modes = [{**dataclasses.asdict(mode), 'consistent': mode.consistent} for mode in compared]
     document = {'results': list(map(str, args.results)), 'modes': modes}
     status = 0 if all(mode.consistent for mode in compared) else DOUBTFUL
-    return VerbResult(document, [text_table(rows)] if rows else [], status)
+    return VerbResult(document, [text_table(plain(rows))] if rows else [], status)
 
 
 def _add_postures(parser: argparse.ArgumentParser) -> None:
@@ -103,10 +103,6 @@ def _postures(args: argparse.Namespace) -> VerbResult:
     lines = [text_table(rows), f'{len(rows)} postures in {args.output}']
     document = {'output': str(args.output), **values}
     return VerbResult(document, lines, 0 if good else DOUBTFUL)
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None
 
 
 def _percent(value: float) -> str:
