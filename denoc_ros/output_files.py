@@ -15,6 +15,8 @@ import numpy as np
 
 from denoc_ros.errors import BagError, ConfigError, DenocError
 
+Document = dict[str, Any]  # of plain values, as JSON and YAML have them
+
 
 def require_new(*files: Path | None) -> None:
     """Raise BagError where a file that is to be written exists; None counts as none."""

@@ -8,10 +8,7 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from denoc_ros.bags.readings import read_inertial, read_readings
-from denoc_ros.bags.series import read_joint_states
+from denoc_ros.bags.readings import read_readings
 from denoc_ros.cli.arguments import add_gravity, add_json, add_numbers, add_output
 from denoc_ros.cli.config import find_file
 from denoc_ros.cli.verb_result import VerbResult
@@ -27,17 +24,13 @@ from denoc_ros.estimation.calibration import (
     match_levels,
     sensor_values,
 )
-from denoc_ros.estimation.joint_motion import smooth
-from denoc_ros.estimation.mounting import calibrate_mounting
+from denoc_ros.estimation.mounting import calibrate_mounting, read_motion
 from denoc_ros.identification.tables import read_sheet
 from denoc_ros.model.overrides import edited_description
 from denoc_ros.model.remounting import remounted_description
 from denoc_ros.model.sensors import wrench_field
 from denoc_ros.output_files import write_new, write_text
-from denoc_ros.types import Array
 
-MOST = 1000  # readings, evenly out of all: the amplitudes of each are in equilibrium
-CUTOFF = 5.0  # Hz, of the joints' motion: vibration is not what is looked for
 KINDS = ('value', 'deflection', 'load')
 
 
@@ -76,7 +69,9 @@ def run_mounting(args: argparse.Namespace, file: Path, robot: Robot) -> VerbResu
     """Fit the mounting and write it; exit status 2 with doubts."""
     robot = measured_robot(robot)
     try:
-        found = calibrate_mounting(robot, args.sensor, *_record(args, robot))
+        found = calibrate_mounting(
+            robot, args.sensor, *read_motion(args.readings, robot, args.sensor, args.robot)
+        )
     except IdentificationError as error:
         return _not_identifiable(error)
     written = write_description(
@@ -84,40 +79,6 @@ def run_mounting(args: argparse.Namespace, file: Path, robot: Robot) -> VerbResu
     )
     row = {'sensor': args.sensor, **vars(found), 'written': written}
     return VerbResult(row, _mounting_lines(row), DOUBTFUL if found.doubts else 0)
-
-
-def _record(args: argparse.Namespace, robot: Robot) -> tuple[Array, Array, Array, Array]:
-    """Return motion (k, n) three times and readings of the bag."""
-    (sensor,) = (s for s in robot.tree.inertial_sensors if s.name == args.sensor)
-    if not sensor.topic:
-        raise ConfigError(str(args.robot), [f'sensor {sensor.name!r} must have a topic, got none'])
-    stamp_ns, readings = read_inertial(args.readings, sensor.topic)
-    joints = read_joint_states(args.readings, names=robot.joint_names)
-    inside = np.flatnonzero(
-        (stamp_ns >= joints.stamp_ns.min(initial=np.iinfo(np.int64).max))
-        & (stamp_ns <= joints.stamp_ns.max(initial=0))
-    )
-    if len(inside) < 10:
-        raise IdentificationError(
-            f'{args.sensor}: at least 10 readings must come with joint states, got {len(inside)}'
-        )
-    chosen = inside[np.linspace(0, len(inside) - 1, min(MOST, len(inside))).astype(int)]
-    begin = joints.stamp_ns[0]
-    rising = np.flatnonzero(np.diff(joints.stamp_ns, prepend=begin - 1) > 0)
-    t = 1e-9 * (joints.stamp_ns[rising] - begin)
-    rates = joints.velocity[rising]
-    motion = smooth(
-        t, joints.position[rising], rates if np.isfinite(rates).all() else None, cutoff=CUTOFF
-    )
-    at = 1e-9 * (stamp_ns[chosen] - begin)
-    q, qd, qdd = (
-        np.column_stack([np.interp(at, t, column) for column in part.T])
-        for part in (motion.q, motion.qd, motion.qdd)
-    )
-    whole = np.zeros((3, len(at), robot.n))
-    whole[0] = robot.static_deflection(q)
-    whole[1][:, robot.joint_indices], whole[2][:, robot.joint_indices] = qd, qdd
-    return whole[0], whole[1], whole[2], readings[chosen]
 
 
 def _mounting_lines(row: Mapping[str, Any]) -> Iterator[str]:

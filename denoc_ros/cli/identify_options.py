@@ -7,7 +7,6 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from denoc_ros.cli.arguments import (
     add_gravity,
@@ -27,11 +26,9 @@ from denoc_ros.cli.verbs import exit_status
 from denoc_ros.errors import ConfigError
 from denoc_ros.identification.channel import Channel
 from denoc_ros.identification.result import RESULT_FILE, write_result
-from denoc_ros.output_files import write_text
+from denoc_ros.output_files import Document, write_text
 from denoc_ros.reports.pages import ReportPage
 from denoc_ros.reports.provenance import versions
-
-Document = dict[str, Any]
 
 
 @dataclass(frozen=True)

@@ -31,12 +31,12 @@ from denoc_ros.identification.joint import fit_joint, joint_result
 from denoc_ros.identification.result import (
     TABLE_COLUMNS,
     DecayOptions,
-    Document,
     describe,
     flat_mode,
     identify_decay,
 )
 from denoc_ros.identification.segments import find_segments
+from denoc_ros.output_files import Document
 from denoc_ros.reports.identify_signals import (
     decay_page,
     decay_text,

@@ -15,9 +15,9 @@ from denoc_ros.identification.channel import Channel, Reading, read_record
 from denoc_ros.identification.curves import NORMAL_95, pole_zeta_deviation, zeta_and_rate
 from denoc_ros.identification.modes import DOUBTFUL, GOOD, NOT_IDENTIFIABLE, strongest, worst
 from denoc_ros.identification.records import Record, assess
-from denoc_ros.identification.result import Document, mode_values, quality_of, source_of
+from denoc_ros.identification.result import mode_values, quality_of, source_of
 from denoc_ros.identification.spectra import even_record
-from denoc_ros.output_files import plain
+from denoc_ros.output_files import Document, plain
 from denoc_ros.types import Array
 
 Complex = NDArray[np.complex128]

@@ -20,7 +20,7 @@ from denoc_ros.identification.decrement import (
 )
 from denoc_ros.identification.modes import DOUBTFUL, GOOD, NOT_IDENTIFIABLE
 from denoc_ros.identification.records import Record, assess
-from denoc_ros.identification.result import Document, quality_of, source_of
+from denoc_ros.identification.result import quality_of, source_of
 from denoc_ros.identification.swing import (
     MODELS,
     TERMS,
@@ -31,7 +31,7 @@ from denoc_ros.identification.swing import (
     scout_friction,
     swing_angles,
 )
-from denoc_ros.output_files import plain
+from denoc_ros.output_files import Document, plain
 from denoc_ros.types import Array
 
 CHANCE = 1e-3  # of keeping a term that is none

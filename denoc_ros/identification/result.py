@@ -31,7 +31,7 @@ from denoc_ros.identification.damping import USABLE, Assigned, assign_damping, c
 from denoc_ros.identification.modes import Modes, strongest
 from denoc_ros.identification.records import Quality, assess
 from denoc_ros.identification.segments import standing_spans
-from denoc_ros.output_files import plain, write_text
+from denoc_ros.output_files import Document, plain, write_text
 from denoc_ros.yaml_text import read_yaml_file
 
 RESULT_FILE = 'result.yaml'
@@ -65,8 +65,6 @@ OF_MODE = (
     *('amplitude', 'phase', 'snr_db', 'verdict', 'reasons'),
 )
 OF_WINDOWS = ('time', 'amplitude', 'frequency', 'damping_ratio', 'deviation')
-
-Document = dict[str, Any]
 
 
 def source_of(reading: Reading) -> Document:

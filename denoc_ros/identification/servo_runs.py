@@ -19,11 +19,9 @@ from denoc_ros.identification.joint_columns import joint_columns, joints_with
 from denoc_ros.identification.modes import worst
 from denoc_ros.identification.servo import Run, ServoFit, fit_servo_runs
 from denoc_ros.identification.tables import read_table
-from denoc_ros.output_files import plain
+from denoc_ros.output_files import Document, plain
 from denoc_ros.trajectories import SplineTrajectory
 from denoc_ros.types import Array
-
-Document = dict[str, Any]
 
 TRAJECTORY = 'trajectory_msgs/msg/JointTrajectory'
 STATE = 'sensor_msgs/msg/JointState'

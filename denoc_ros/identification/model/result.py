@@ -29,9 +29,8 @@ from denoc_ros.model.rigid_urdf import read_rigid_urdf
 from denoc_ros.model.source import TEXT_NAME, parse_xml, read_source, written
 from denoc_ros.model.tree import RigidInertia
 from denoc_ros.model.urdf import tree_of
-from denoc_ros.output_files import plain
+from denoc_ros.output_files import Document, plain
 
-Document = dict[str, Any]
 WORDS = {'found': GOOD, 'doubtful': DOUBTFUL, 'not identifiable': NOT_IDENTIFIABLE}
 
 
