@@ -12,7 +12,7 @@ from denoc_ros.bags.readings import read_readings
 from denoc_ros.cli.arguments import add_gravity, add_json, add_numbers, add_output
 from denoc_ros.cli.config import find_file
 from denoc_ros.cli.verb_result import VerbResult
-from denoc_ros.cli.verbs import DOUBTFUL, NOT_IDENTIFIABLE, VERBS
+from denoc_ros.cli.verbs import DOUBTFUL, NOT_IDENTIFIABLE
 from denoc_ros.dynamics.measured_side import measured_robot
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.errors import ConfigError, IdentificationError
@@ -32,6 +32,11 @@ from denoc_ros.model.sensors import wrench_field
 from denoc_ros.output_files import write_new, write_text
 
 KINDS = ('value', 'deflection', 'load')
+DESCRIPTION = (
+    'Fit value = gain raw + offset to a table, or to the plateaus of a bag; of an IMU or '
+    'accelerometer the mounting and the biases to a bag with joint states. Exit status 2: the '
+    'result is doubtful; 3: the readings do not determine it.'
+)
 
 
 def write_description(args: argparse.Namespace, file: Path, text: Callable[[], str]) -> str:
@@ -95,17 +100,8 @@ def _mounting_lines(row: Mapping[str, Any]) -> Iterator[str]:
         yield f'written     {row["written"]}'
 
 
-def add_parser(subparsers: Any) -> None:
+def add_options(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
-    parser = subparsers.add_parser(
-        'calibrate',
-        help=VERBS['calibrate'],
-        description=(
-            'Fit value = gain raw + offset to a table, or to the plateaus of a bag; of an IMU or '
-            'accelerometer the mounting and the biases to a bag with joint states. Exit status 2: '
-            'the result is doubtful; 3: the readings do not determine it.'
-        ),
-    )
     parser.add_argument('readings', help='a CSV table (columns reference, raw), or a bag')
     parser.add_argument('--robot', required=True, help='the URDF file with the sensor')
     parser.add_argument('--sensor', required=True, help='name of the sensor')

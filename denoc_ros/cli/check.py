@@ -11,7 +11,7 @@ from denoc_ros.cli.arguments import add_gravity, add_json, given_file
 from denoc_ros.cli.config import find_file
 from denoc_ros.cli.postures import add_postures, posture, read_postures
 from denoc_ros.cli.verb_result import VerbResult
-from denoc_ros.cli.verbs import DOUBTFUL, VERBS
+from denoc_ros.cli.verbs import DOUBTFUL
 from denoc_ros.dynamics.loop_response import LoopResponse, Swing, loop_response
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.errors import ConfigError
@@ -28,16 +28,14 @@ from denoc_ros.reports.robot import (
 
 PAGE = 'bode.html'
 OPTIONS = ('material', 'link', 'bandwidth', 'gears', 'output')
+DESCRIPTION = (
+    'Read a URDF with its <flexibility> block, report every finding in it, and list links, '
+    'joints, beams, natural frequencies and masses.'
+)
 
 
-def add_parser(subparsers: Any) -> None:
+def add_options(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
-    parser = subparsers.add_parser(
-        'check',
-        help=VERBS['check'],
-        description='Read a URDF with its <flexibility> block, report every finding in it, and '
-        'list links, joints, beams, natural frequencies and masses.',
-    )
     parser.add_argument('robot', help='the URDF file, in this folder or in the installed package')
     add_gravity(parser)
     add_json(parser)

@@ -17,7 +17,6 @@ from denoc_ros.cli.arguments import (
 )
 from denoc_ros.cli.postures import add_postures, posture, read_postures
 from denoc_ros.cli.verb_result import VerbResult
-from denoc_ros.cli.verbs import VERBS
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import ConfigError
 from denoc_ros.model.mjcf import mjcf
@@ -29,17 +28,15 @@ from denoc_ros.reports.text_table import text_table
 from denoc_ros.simulation.mujoco_chain import ChainComparison, compare
 
 FINER = 8  # segments per beam of the model that ours is compared with
+DESCRIPTION = (
+    "Write a robot as MuJoCo's or Gazebo's model: each beam becomes a chain of rigid rods on "
+    'sprung hinges, which has nothing of the shape functions. What the format cannot hold is '
+    'refused by name.'
+)
 
 
-def add_parser(subparsers: Any) -> None:
+def add_options(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
-    parser = subparsers.add_parser(
-        'export',
-        help=VERBS['export'],
-        description="Write a robot as MuJoCo's or Gazebo's model: each beam becomes a chain of "
-        'rigid rods on sprung hinges, which has nothing of the shape functions. What the format '
-        'cannot hold is refused by name.',
-    )
     parser.add_argument(
         'format', choices=('mjcf', 'sdf'), help='mjcf: an XML file of MuJoCo; sdf: of Gazebo'
     )

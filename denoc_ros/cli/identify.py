@@ -5,9 +5,9 @@ from __future__ import annotations
 import argparse
 import importlib
 import os
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from denoc_ros.cli.verbs import ACTION_MODULES, ACTIONS, VERBS
+from denoc_ros.cli.verbs import ACTION_MODULES, ACTIONS
 
 if TYPE_CHECKING:
     from denoc_ros.cli.verb_result import VerbResult
@@ -15,18 +15,15 @@ if TYPE_CHECKING:
 # thousands of small solutions: threads wait for each other, on a busy machine for most of the
 # time; read when numpy is first imported
 os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
+DESCRIPTION = (
+    'Identify modes and their damping, joint friction and frequency responses from bags (MCAP, '
+    'db3) or tables (CSV, MATLAB, JSON). `denoc identify BAG` is `denoc identify modal BAG`. Exit '
+    'status: 0 good, 1 bad input, 2 doubtful, 3 not identifiable.'
+)
 
 
-def add_parser(subparsers: Any, named: str = '') -> None:
+def add_actions(parser: argparse.ArgumentParser, named: str = '') -> None:
     """Declare the named action with its arguments, or all; for -h their names only."""
-    parser = subparsers.add_parser(
-        'identify',
-        help=VERBS['identify'],
-        description='Identify modes and their damping, joint friction and frequency responses '
-        'from bags (MCAP, db3) or tables (CSV, MATLAB, JSON). `denoc identify BAG` is '
-        '`denoc identify modal BAG`. Exit status: 0 good, 1 bad input, 2 doubtful, '
-        '3 not identifiable.',
-    )
     actions = parser.add_subparsers(dest='action', metavar='ACTION', required=True)
     if named in ('-h', '--help'):
         for name, text in ACTIONS.items():

@@ -136,11 +136,12 @@ def build_parser(arguments: Sequence[str] = ()) -> Parser:
     verb = arguments[0]
     room = 'studies' if verb in STUDIES else 'cli'
     module = importlib.import_module(f'denoc_ros.{room}.{verb}')
+    named = subparsers.add_parser(verb, help=VERBS[verb], description=module.DESCRIPTION)
     if verb == 'identify':
-        module.add_parser(subparsers, arguments[1] if len(arguments) > 1 else '')
+        module.add_actions(named, arguments[1] if len(arguments) > 1 else '')
     else:
-        module.add_parser(subparsers)
-    subparsers.choices[verb].set_defaults(execute=module.run)
+        module.add_options(named)
+    named.set_defaults(execute=module.run)
     return parser
 
 

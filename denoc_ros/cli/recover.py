@@ -10,19 +10,16 @@ from tqdm import tqdm
 
 from denoc_ros.bags.recover import recover
 from denoc_ros.cli.verb_result import VerbResult
-from denoc_ros.cli.verbs import DOUBTFUL, VERBS
+from denoc_ros.cli.verbs import DOUBTFUL
+
+DESCRIPTION = (
+    'Rebuild an MCAP bag from its complete records, without changing the original. Exit status '
+    '2 if parts within it were damaged.'
+)
 
 
-def add_parser(subparsers: Any) -> None:
-    """Add the verb to the command line."""
-    parser = subparsers.add_parser(
-        'recover',
-        help=VERBS['recover'],
-        description=(
-            'Rebuild an MCAP bag from its complete records, without changing the original. '
-            'Exit status 2 if parts within it were damaged.'
-        ),
-    )
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Declare the verb's arguments."""
     parser.add_argument('bag', type=Path, help='a .mcap file or a folder of them')
     parser.add_argument(
         '-o',

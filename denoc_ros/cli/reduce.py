@@ -13,7 +13,7 @@ import numpy as np
 
 from denoc_ros.cli.arguments import add_json, add_output, given_file, named_values, require
 from denoc_ros.cli.verb_result import VerbResult
-from denoc_ros.cli.verbs import DOUBTFUL, VERBS
+from denoc_ros.cli.verbs import DOUBTFUL
 from denoc_ros.errors import ConfigError, ModelError
 from denoc_ros.output_files import require_new, whole_file, write_new
 from denoc_ros.reports.text_table import text_table
@@ -27,20 +27,15 @@ SURFACES = ('.stl', '.obj', '.ply', '.off', '.dae')
 UNIT_NAMES = ('m', 'cm', 'mm', 'in')
 PLACE = 'NAME=X,Y,Z'
 EXTRA = ('pytetwild', 'skfem', 'pymetis', 'meshio')  # packages that only this verb needs
+DESCRIPTION = (
+    'Make a flexible link of a closed surface mesh (STL, OBJ, PLY, OFF, COLLADA), a volume mesh '
+    '(.msh, .inp, .bdf, .mesh), the link of a URDF, or mass and stiffness matrices of another '
+    'program (.mtx, .npz, .op4, .sti). The file is for <flexible link= file=>.'
+)
 
 
-def add_parser(subparsers: Any) -> None:
+def add_options(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
-    parser = subparsers.add_parser(
-        'reduce',
-        help=VERBS['reduce'],
-        description=(
-            'Make a flexible link of a closed surface mesh (STL, OBJ, PLY, OFF, COLLADA), a'
-            ' volume mesh (.msh, .inp, .bdf, .mesh), the link of a URDF, or mass and stiffness'
-            ' matrices of another program (.mtx, .npz, .op4, .sti). The file is for'
-            ' <flexible link= file=>.'
-        ),
-    )
     parser.add_argument('source', help='the mesh, the URDF, or the stiffness matrix')
     add_output(
         parser,

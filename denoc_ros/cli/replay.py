@@ -28,7 +28,7 @@ from denoc_ros.cli.arguments import (
 )
 from denoc_ros.cli.progress import share_bar
 from denoc_ros.cli.verb_result import VerbResult
-from denoc_ros.cli.verbs import DOUBTFUL, VERBS
+from denoc_ros.cli.verbs import DOUBTFUL
 from denoc_ros.cli.view import robot_source
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.errors import BagError
@@ -44,19 +44,16 @@ from denoc_ros.reports.provenance import named_file, named_text, provenance
 from denoc_ros.reports.replay import lines, page
 from denoc_ros.reports.run_files import EARTH, find_bag, read_session, recording_name
 
+DESCRIPTION = (
+    'Read the joint states of a bag (MCAP or db3) or of a table, and compute the torque of the '
+    'rigid and of the flexible model and the deflection along them. Write a new bag with these '
+    'results beside all recorded messages, a table and one HTML page. Exit status 2: the '
+    'numbers are doubtful.'
+)
 
-def add_parser(subparsers: Any) -> None:
+
+def add_options(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
-    parser = subparsers.add_parser(
-        'replay',
-        help=(VERBS['replay']),
-        description=(
-            'Read the joint states of a bag (MCAP or db3) or of a table, and compute the '
-            'torque of the rigid and of the flexible model and the deflection along them. '
-            'Write a new bag with these results beside all recorded messages, a table and one '
-            'HTML page. Exit status 2: the numbers are doubtful.'
-        ),
-    )
     parser.add_argument(
         'bag',
         metavar='BAG',

@@ -9,22 +9,18 @@ from typing import Any
 
 from denoc_ros.cli.arguments import add_json, add_output, unused
 from denoc_ros.cli.verb_result import VerbResult
-from denoc_ros.cli.verbs import VERBS
 from denoc_ros.reports.run import report
 from denoc_ros.reports.run_files import BAG_FOLDER, recording_name
 
+DESCRIPTION = (
+    'Write one HTML page with tracking, predicted and true deflection, torque, loop periods, '
+    'node statistics, and for a simulation energy and closure of loops; as far as the bag has '
+    'them.'
+)
 
-def add_parser(subparsers: Any) -> None:
+
+def add_options(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
-    parser = subparsers.add_parser(
-        'report',
-        help=VERBS['report'],
-        description=(
-            'Write one HTML page with tracking, predicted and true deflection, torque, loop '
-            'periods, node statistics, and for a simulation energy and closure of loops; as '
-            'far as the bag has them.'
-        ),
-    )
     parser.add_argument('run', metavar='RUN', type=Path, help="a run's directory, or a bag")
     add_output(
         parser,

@@ -25,7 +25,6 @@ from denoc_ros.cli.config import flatten, read_yaml
 from denoc_ros.cli.motion_file import read_motion, write_plan
 from denoc_ros.cli.progress import share_bar
 from denoc_ros.cli.verb_result import VerbResult
-from denoc_ros.cli.verbs import VERBS
 from denoc_ros.control.plan import Plan
 from denoc_ros.control.shape import shape_motion
 from denoc_ros.dynamics.held_base import held_robot
@@ -76,19 +75,15 @@ OTHERS = {
         "assumed error of the modes' frequencies, as a share",
     ),
 }
+DESCRIPTION = (
+    'Plan the motion of the joints so that the tip of a flexible robot moves like that of the '
+    'undeformed robot, or so that no vibration is left at the end. The plan is a reference that '
+    '`denoc up` and `denoc simulate` read.'
+)
 
 
-def add_parser(subparsers: Any) -> None:
+def add_options(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
-    parser = subparsers.add_parser(
-        'shape',
-        help=VERBS['shape'],
-        description=(
-            'Plan the motion of the joints so that the tip of a flexible robot moves like that'
-            ' of the undeformed robot, or so that no vibration is left at the end. The plan is'
-            ' a reference that `denoc up` and `denoc simulate` read.'
-        ),
-    )
     parser.add_argument('robot', help='the URDF file')
     parser.add_argument(
         'motion',

@@ -33,7 +33,7 @@ from denoc_ros.cli.batch import (
 from denoc_ros.cli.config import find_file, read_yaml
 from denoc_ros.cli.report import write_report
 from denoc_ros.cli.verb_result import VerbResult
-from denoc_ros.cli.verbs import BAD_INPUT, VERBS
+from denoc_ros.cli.verbs import BAD_INPUT
 from denoc_ros.dynamics.deflection import TipDeflections
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import ConfigError
@@ -48,6 +48,10 @@ from denoc_ros.simulation.scenario import Scenario, model_settings, scenario_fro
 Ranges = Mapping[str, tuple[float, float]]
 GROUPS = ('largest_torque', 'largest_deflection')
 NUMBERS = ('duration_s', 'energy_change')
+DESCRIPTION = (
+    'Integrate the equations of motion through a scenario and write the run as MCAP: '
+    'joint_states, plant/true_modal_state and plant/true_deflection.'
+)
 
 
 def load(robot: str, scenario: str, smooth: float | None = None) -> tuple[Robot, Scenario, str]:
@@ -278,14 +282,8 @@ def _lines_of_many(summary: Mapping[str, Any]) -> list[str]:
     return lines + [f'  run {one["key"]}: {one["failure"]}' for one in failures[:5]]
 
 
-def add_parser(subparsers: Any) -> None:
+def add_options(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
-    parser = subparsers.add_parser(
-        'simulate',
-        help=VERBS['simulate'],
-        description='Integrate the equations of motion through a scenario and write the run as '
-        'MCAP: joint_states, plant/true_modal_state and plant/true_deflection.',
-    )
     parser.add_argument('robot', help='the URDF file')
     parser.add_argument('scenario', help='a YAML file, such as config/scenarios/*.yaml')
     add_output(

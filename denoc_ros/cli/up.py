@@ -24,7 +24,6 @@ from denoc_ros.cli.progress import Progress
 from denoc_ros.cli.session import Session, Task, session_nodes
 from denoc_ros.cli.session_file import SessionFile, conclude, print_summary
 from denoc_ros.cli.shaped_phases import plans_of, started_on_the_plan
-from denoc_ros.cli.verbs import VERBS
 from denoc_ros.cli.warmup import compile_all, estimate, kernels
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.errors import ConfigError, DenocError
@@ -48,6 +47,10 @@ WHY = {
 }
 NO_SOURCE = 'time must be real where no plant can make it, got simulated'
 TAKEN = 'the directory must not exist yet, got {}'
+DESCRIPTION = (
+    'Start plant, recorder, predictor and feedforward as separate processes, run the reference, '
+    'end them in order, and write a bag and a report into a new directory.'
+)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -69,16 +72,8 @@ class SessionRun:
     error: BaseException | None = None
 
 
-def add_parser(subparsers: Any) -> None:
+def add_options(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
-    parser = subparsers.add_parser(
-        'up',
-        help=VERBS['up'],
-        description=(
-            'Start plant, recorder, predictor and feedforward as separate processes, run the '
-            'reference, end them in order, and write a bag and a report into a new directory.'
-        ),
-    )
     parser.add_argument('config', metavar='CONFIG.yaml', help='configuration file of the session')
     parser.add_argument('--duration', type=float, metavar='S', help='duration of each phase [s]')
     parser.add_argument(

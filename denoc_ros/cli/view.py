@@ -19,7 +19,6 @@ from denoc_ros.bags.reader import read_description
 from denoc_ros.cli.arguments import add_gravity, add_numbers
 from denoc_ros.cli.config import find_file, read_yaml, share_directory
 from denoc_ros.cli.progress import Progress
-from denoc_ros.cli.verbs import VERBS
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.errors import BagError, ConfigError, DenocError
 from denoc_ros.reports.run_files import EARTH, find_bag, plant_of, read_session, recording_name
@@ -36,6 +35,11 @@ DEFAULT_PORT = 8080
 FIRST = 'canadarm'  # that the gallery shows
 BAG_SUFFIXES = ('.mcap', '.db3')
 PAGE_RATE = 60.0  # moments per second of a run, at most
+DESCRIPTION = (
+    'Serve a page that shows the deformed robot until interrupted, on this machine only unless '
+    '--host allows more. Without a robot: a gallery of the systems in the book. With --video or '
+    '--strip: write a film or a picture of a run instead.'
+)
 
 
 @dataclass(frozen=True)
@@ -243,17 +247,8 @@ def _size(text: str) -> tuple[int, int]:
         raise ConfigError('--size', [f'it must be WxH in pixels, got {text!r}']) from None
 
 
-def add_parser(subparsers: Any) -> None:
+def add_options(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
-    parser = subparsers.add_parser(
-        'view',
-        help=(VERBS['view']),
-        description=(
-            'Serve a page that shows the deformed robot until interrupted, on this machine '
-            'only unless --host allows more. Without a robot: a gallery of the systems in the '
-            'book. With --video or --strip: write a film or a picture of a run instead.'
-        ),
-    )
     parser.add_argument(
         'shown',
         nargs='?',

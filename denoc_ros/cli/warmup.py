@@ -16,7 +16,6 @@ from typing import Any
 
 from denoc_ros import kernels as package
 from denoc_ros.cli.progress import Progress
-from denoc_ros.cli.verbs import VERBS
 from denoc_ros.dynamics.robot_model import CONSTRAINT_KERNELS, KERNELS
 from denoc_ros.dynamics.stepper import DRIVEN_KERNELS
 from denoc_ros.errors import DenocError
@@ -43,6 +42,10 @@ LOADING = 3.0  # s until a process has loaded the compiler
 LOOK = 0.1  # s
 OF_LOOPS = ('clos', 'constrain')  # how modules begin that only robots with constraints need
 LOG = logging.getLogger('denoc_ros')
+DESCRIPTION = (
+    'Compile the kernels of all commands and nodes in two processes, and cache them for all '
+    'processes of this user. Cached kernels are only loaded.'
+)
 
 
 def all_kernels(loops: bool = True) -> list[Any]:
@@ -191,16 +194,8 @@ if __name__ == '__main__':
     main(sys.argv[1:])
 
 
-def add_parser(subparsers: Any) -> None:
+def add_options(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
-    parser: argparse.ArgumentParser = subparsers.add_parser(
-        'warmup',
-        help=VERBS['warmup'],
-        description=(
-            'Compile the kernels of all commands and nodes in two processes, and cache them for '
-            'all processes of this user. Cached kernels are only loaded.'
-        ),
-    )
     parser.add_argument(
         'robot',
         nargs='?',

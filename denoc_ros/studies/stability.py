@@ -14,7 +14,7 @@ from denoc_ros.cli.arguments import add_json, given_file
 from denoc_ros.cli.progress import share_bar
 from denoc_ros.cli.simulate import load
 from denoc_ros.cli.verb_result import VerbResult
-from denoc_ros.cli.verbs import DOUBTFUL, VERBS
+from denoc_ros.cli.verbs import DOUBTFUL
 from denoc_ros.output_files import write_text
 from denoc_ros.reports.figures import (
     PHASE_COLOURS,
@@ -38,20 +38,17 @@ from denoc_ros.studies.stability_study import (
 )
 from denoc_ros.types import Array
 
+DESCRIPTION = (
+    'Integrate a scenario twice, with forward dynamics by the recursion and by a Cholesky '
+    'factor of the inertia matrix, and write one HTML page: deviation, power difference and '
+    "roughness of the accelerations (the book's section 7.1), processor times, and the growth "
+    'rate of small errors in the motion itself. Exit status 2: the recursion leaves the '
+    'solution before the end.'
+)
 
-def add_parser(subparsers: Any) -> None:
+
+def add_options(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
-    parser = subparsers.add_parser(
-        'stability',
-        help=VERBS['stability'],
-        description=(
-            'Integrate a scenario twice, with forward dynamics by the recursion and by a '
-            'Cholesky factor of the inertia matrix, and write one HTML page: deviation, power '
-            "difference and roughness of the accelerations (the book's section 7.1), processor"
-            ' times, and the growth rate of small errors in the motion itself. Exit status 2: '
-            'the recursion leaves the solution before the end.'
-        ),
-    )
     parser.add_argument('robot', help='the URDF file')
     parser.add_argument(
         'scenario', help='a YAML file with torques, such as config/scenarios/stability_*.yaml'
