@@ -76,21 +76,15 @@ def summarize(robot: Robot, postures: Sequence[Posture] = ()) -> Row:
         'shapes': _shapes(robot),
         'sensors': [
             {'sensor': s.name, 'type': s.type, 'link': s.link, 'topic': s.topic}
-            for s in tree.sensors
-        ]
-        + [
-            {'sensor': s.name, 'type': s.type, 'link': s.link, 'topic': s.topic}
-            for s in tree.inertial_sensors
+            for s in (*tree.sensors, *tree.inertial_sensors)
         ],
         **_mechanism(robot),
-        'natural_frequencies_hz': [float(value) for value in frequencies],
+        'natural_frequencies_hz': frequencies,
         'observability': _observability(robot, np.zeros(robot.n)),
         'postures': [
             {
-                'at': [float(value) for value in posture.q[robot.joint_indices]],
-                'natural_frequencies_hz': [
-                    float(value) for value in robot.natural_frequencies(posture.q, held=True)
-                ],
+                'at': posture.q[robot.joint_indices],
+                'natural_frequencies_hz': robot.natural_frequencies(posture.q, held=True),
                 'observability': _observability(robot, posture.q),
             }
             for posture in postures
@@ -159,7 +153,7 @@ def _mechanism(robot: Robot) -> Row:
         'redundant_rows': found.rows - found.rank,
         'degrees_of_freedom': found.degrees_of_freedom,
         'singular': found.rank < found.usual_rank,
-        'closed_at': None if found.failure else [float(value) for value in found.q],
+        'closed_at': None if found.failure else found.q,
         'failure': found.failure,
     }
     return {'loops': loops, 'mechanism': [mechanism]}
@@ -196,7 +190,7 @@ def _joint(joint: Joint, link: str) -> Row:
         'joint': joint.name,
         'type': 'continuous' if joint.continuous else joint.kind.name.lower(),
         'link': link,
-        'axis': [float(value) for value in joint.axis],
+        'axis': joint.axis,
         'lower': limits.lower,
         'upper': limits.upper,
         'velocity': limits.velocity,
