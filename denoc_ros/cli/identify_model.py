@@ -232,12 +232,12 @@ def _model(args: argparse.Namespace) -> VerbResult:
         return rows_result(kind, options, paths, args.output, workers, not args.json)
     with Progress().step('identifying'):
         document, found = options.identify(paths)
-    if args.apply is not None:
-        told = _applied(args.apply, options, found)
-        if not args.json:
-            print('\n'.join(told))
+    told = [] if args.apply is None else _applied(args.apply, options, found)
     return written_result(
-        args.output, document, model_text, lambda result: model_page(result, args.command)
+        args.output,
+        document,
+        lambda result: '\n'.join([*told, model_text(result)]),
+        lambda result: model_page(result, args.command),
     )
 
 
