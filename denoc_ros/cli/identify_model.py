@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from denoc_ros.bags.digest import file_hash
+from denoc_ros.bags.joint_table import TableTimes
 from denoc_ros.cli.arguments import (
     add_gravity,
     add_json,
@@ -37,7 +38,6 @@ from denoc_ros.cli.verb_result import VerbResult
 from denoc_ros.cli.verbs import exit_status
 from denoc_ros.dynamics.robot import load_robot
 from denoc_ros.errors import BagError
-from denoc_ros.identification.channel import Channel
 from denoc_ros.identification.model.excitation import Excitation, design_excitation
 from denoc_ros.identification.model.fit import IdentifiedModel
 from denoc_ros.identification.model.free_parameters import FreeParameters
@@ -47,8 +47,7 @@ from denoc_ros.identification.model.result import (
     excitation_result,
     not_applied,
 )
-from denoc_ros.identification.model.sensor_filter import SensorFilter
-from denoc_ros.identification.model.sources import RecordingSettings
+from denoc_ros.identification.model.sources import RecordingSettings, SensorFilter
 from denoc_ros.output_files import require_new, write_text
 from denoc_ros.reports.identify_numbers import (
     excitation_page,
@@ -186,7 +185,7 @@ def recording_settings(args: argparse.Namespace) -> RecordingSettings:
         stamp=args.stamp,
         rename=rename,
         columns=columns,
-        times=Channel(time=args.time, time_unit=args.time_unit, rate=args.rate),
+        times=TableTimes(args.time, args.time_unit, args.rate),
         begin=args.begin,
         end=args.end,
         filters={name: SensorFilter(*pair) for name, pair in filters.items()},

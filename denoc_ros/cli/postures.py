@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from denoc_ros.dynamics.equilibrium import Equilibrium
-from denoc_ros.dynamics.mechanism_modes import independent_joints
+from denoc_ros.dynamics.natural_modes import independent_joints
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import ConfigError
 from denoc_ros.reports.robot import Posture

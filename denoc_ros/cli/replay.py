@@ -10,6 +10,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+from denoc_ros.bags.joint_table import TableTimes, bag_of_table
+from denoc_ros.bags.tables import is_table
 from denoc_ros.cli.arguments import (
     add_gravity,
     add_json,
@@ -33,13 +35,11 @@ from denoc_ros.cli.view import robot_source
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.errors import BagError
 from denoc_ros.estimation.tracker_settings import TrackerSettings
-from denoc_ros.identification.channel import Channel, is_table
 from denoc_ros.output_files import require_new, write_text
 from denoc_ros.replay.adaptation import AdaptSettings
 from denoc_ros.replay.bag import replay_bag
 from denoc_ros.replay.settings import ReplaySettings
 from denoc_ros.replay.summary import summarize
-from denoc_ros.replay.table import bag_of_table
 from denoc_ros.reports.provenance import named_file, named_text, provenance
 from denoc_ros.reports.replay import lines, page
 from denoc_ros.reports.run_files import EARTH, find_bag, read_session, recording_name
@@ -218,7 +218,7 @@ def _as_bag(args: argparse.Namespace, path: Path, robot: Robot) -> Iterator[Path
             raise BagError(f'{path}: --column must come with a table, got a bag')
         yield path
         return
-    times = Channel(time=args.time, time_unit=args.time_unit, rate=args.rate)
+    times = TableTimes(args.time, args.time_unit, args.rate)
     with TemporaryDirectory(prefix='denoc-') as folder:
         yield bag_of_table(path, robot.joint_names, Path(folder, 'table.mcap'), columns, times)
 

@@ -27,7 +27,7 @@ from denoc_ros.cli.progress import share_bar
 from denoc_ros.cli.verb_result import VerbResult
 from denoc_ros.control.plan import Plan
 from denoc_ros.control.shape import shape_motion
-from denoc_ros.dynamics.held_base import held_robot
+from denoc_ros.dynamics.reacting_base import held_robot
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.errors import ConfigError
 from denoc_ros.output_files import require_new, write_text

@@ -8,9 +8,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from denoc_ros.dynamics.constraints import RANK, add_loop_friction, closure_rows, jacobian
-from denoc_ros.dynamics.mimic_joints import mimic_ties
-from denoc_ros.dynamics.mobility import rank_of
+from denoc_ros.dynamics.assembling import rank_of
+from denoc_ros.dynamics.constraints import (
+    RANK,
+    add_loop_friction,
+    closure_rows,
+    jacobian,
+    mimic_ties,
+)
 from denoc_ros.errors import SolverError, StateError
 from denoc_ros.model.tree import JointKind, Tree
 from denoc_ros.types import Array

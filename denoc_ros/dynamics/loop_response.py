@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from denoc_ros.dynamics.linear_model import LinearModel
-from denoc_ros.dynamics.linear_signals import POSE
-from denoc_ros.dynamics.mechanism_modes import independent_joints
+from denoc_ros.dynamics.linearize import POSE
+from denoc_ros.dynamics.natural_modes import independent_joints
 from denoc_ros.errors import StateError
 from denoc_ros.model.tree import JointKind
 from denoc_ros.types import Array

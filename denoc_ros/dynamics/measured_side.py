@@ -12,9 +12,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from denoc_ros.dynamics.gear_springs import GearSprings, deflection
 from denoc_ros.dynamics.robot import Robot
-from denoc_ros.dynamics.springs import elasticity
+from denoc_ros.dynamics.springs import GearSprings, deflection, elasticity
 from denoc_ros.model.coordinates import names, spring_name
 from denoc_ros.model.link_side import is_measured_behind, motors_behind, seen_from_links
 from denoc_ros.model.tree import Joint, Tree

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from denoc_ros.dynamics.gear_springs import CUTOFF, GearSprings
 from denoc_ros.dynamics.measured_side import MotorSide, WholeCoordinates
 from denoc_ros.dynamics.robot import Robot
+from denoc_ros.dynamics.springs import CUTOFF, GearSprings
 from denoc_ros.dynamics.stepper import Stepper
 from denoc_ros.estimation.observer_settings import ObserverSettings
 from denoc_ros.types import Array

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from denoc_ros.bags.readings import read_inertial
-from denoc_ros.bags.series import read_joint_states
+from denoc_ros.bags.series import INERTIAL_NUMBERS, read_joint_states, read_numbers
 from denoc_ros.dynamics.rotations import cross_matrices
 from denoc_ros.errors import ConfigError, IdentificationError
 from denoc_ros.estimation.joint_motion import smooth
@@ -195,7 +194,7 @@ def read_motion(
     (sensor,) = (s for s in robot.tree.inertial_sensors if s.name == name)
     if not sensor.topic:
         raise ConfigError(where, [f'sensor {sensor.name!r} must have a topic, got none'])
-    stamp_ns, readings = read_inertial(path, sensor.topic)
+    stamp_ns, readings = read_numbers(path, sensor.topic, INERTIAL_NUMBERS)
     joints = read_joint_states(path, names=robot.joint_names)
     inside = np.flatnonzero(
         (stamp_ns >= joints.stamp_ns.min(initial=np.iinfo(np.int64).max))

@@ -10,9 +10,8 @@ import numpy as np
 from denoc_ros.dynamics.base_motion import BaseMotion
 from denoc_ros.dynamics.deflection import TipDeflections
 from denoc_ros.dynamics.driven_motion import driven_motion
-from denoc_ros.dynamics.equilibrium import Equilibrium
+from denoc_ros.dynamics.equilibrium import Equilibrium, impulse_response
 from denoc_ros.dynamics.reacting_base import ReactingBase
-from denoc_ros.dynamics.response import impulse_response
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.stepper import Stepper
 from denoc_ros.errors import SolverError

@@ -10,14 +10,13 @@ from itertools import pairwise
 import numpy as np
 
 from denoc_ros.dynamics.base_motion import BaseMotion
+from denoc_ros.dynamics.constraints import mimic_ties
 from denoc_ros.dynamics.deflection import TipDeflections
 from denoc_ros.dynamics.driven_motion import driven_motion
-from denoc_ros.dynamics.gear_springs import GearSprings
 from denoc_ros.dynamics.measured_side import WholeCoordinates
-from denoc_ros.dynamics.mimic_joints import mimic_ties
 from denoc_ros.dynamics.robot import Robot
-from denoc_ros.dynamics.stepper import Stepper
-from denoc_ros.dynamics.steps_along import StepsAlong
+from denoc_ros.dynamics.springs import GearSprings
+from denoc_ros.dynamics.stepper import Stepper, StepsAlong
 from denoc_ros.errors import ModelError
 from denoc_ros.estimation.base_record import BaseRecord
 from denoc_ros.estimation.joint_friction import JointFriction

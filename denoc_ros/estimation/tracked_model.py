@@ -9,9 +9,9 @@ from typing import NamedTuple
 import numpy as np
 
 from denoc_ros.dynamics.base_motion import BaseMotion
+from denoc_ros.dynamics.constraints import mimic_ties
 from denoc_ros.dynamics.driven_motion import driven_motion
 from denoc_ros.dynamics.live_numbers import LiveNumbers
-from denoc_ros.dynamics.mimic_joints import mimic_ties
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.stepper import Stepper
 from denoc_ros.errors import SolverError

@@ -8,12 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from denoc_ros.errors import IdentificationError
-from denoc_ros.identification.clock import doubtful_rate
 from denoc_ros.identification.components import COMPARABLE_NEIGHBOUR, HEAVY
 from denoc_ros.identification.decrement import Convention, Decrement, log_decrement
 from denoc_ros.identification.fit import fit_modes
 from denoc_ros.identification.modes import DOUBTFUL, GOOD, Modes, strongest
-from denoc_ros.identification.records import Quality, Record, assess
+from denoc_ros.identification.records import Quality, Record, assess, doubtful_rate
 from denoc_ros.identification.segments import Span, decay_window, moving_until
 from denoc_ros.identification.spectra import Method, SpectralDecay, evolving_spectra
 from denoc_ros.types import Array

@@ -10,8 +10,8 @@ import scipy.linalg
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import least_squares, linear_sum_assignment, nnls
 
-from denoc_ros.dynamics.linearization import stiffness
 from denoc_ros.dynamics.measured_side import measured_equilibrium
+from denoc_ros.dynamics.natural_modes import stiffness
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import IdentificationError
 from denoc_ros.model.override_values import critical_damping, override_values

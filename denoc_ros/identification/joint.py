@@ -10,7 +10,6 @@ from scipy.special import fdtrc
 
 from denoc_ros.errors import IdentificationError
 from denoc_ros.identification.channel import Reading
-from denoc_ros.identification.clock import doubtful_rate
 from denoc_ros.identification.curves import NORMAL_95
 from denoc_ros.identification.damped import independent_samples
 from denoc_ros.identification.decrement import (
@@ -19,7 +18,7 @@ from denoc_ros.identification.decrement import (
     log_decrement,
 )
 from denoc_ros.identification.modes import DOUBTFUL, GOOD, NOT_IDENTIFIABLE
-from denoc_ros.identification.records import Record, assess
+from denoc_ros.identification.records import Record, assess, doubtful_rate
 from denoc_ros.identification.result import quality_of, source_of
 from denoc_ros.identification.swing import (
     MODELS,

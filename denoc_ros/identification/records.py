@@ -8,10 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from denoc_ros.bags.tables import UNITS
 from denoc_ros.errors import IdentificationError
 from denoc_ros.types import Array
 
 FEWEST_SAMPLES = 8
+SLOWEST, FASTEST = 4.0, 2e6  # Hz: no mechanical record is sampled slower or faster
+
 Mask = NDArray[np.bool_]
 
 GAP = 1.5  # typical steps
@@ -222,3 +225,13 @@ def clipped_samples(y: Array, resolution: float) -> Mask:
 def _longest_run(mask: Mask) -> int:
     edges = np.flatnonzero(np.diff(np.concatenate(([False], mask, [False])).astype(int)))
     return int(np.max(edges[1::2] - edges[::2])) if edges.size else 0
+
+
+def doubtful_rate(record: Record) -> str:
+    """Return why a record's sample rate is doubted; '' where it can be one."""
+    rate = 1.0 / record.step
+    if SLOWEST <= rate <= FASTEST:
+        return ''
+    likely = [unit for unit, size in UNITS.items() if 10.0 <= rate / size <= 1e5]
+    hint = f': times may be in {likely[0]}, --time-unit {likely[0]}' if likely else ''
+    return f'sampled at {rate:.3g} Hz, as no mechanical record is{hint}'

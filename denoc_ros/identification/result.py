@@ -16,6 +16,7 @@ import yaml
 
 from denoc_ros.bags.digest import file_hash
 from denoc_ros.bags.reader import read_description
+from denoc_ros.bags.tables import is_table
 from denoc_ros.dynamics.robot import load_robot
 from denoc_ros.errors import ConfigError, DenocError, IdentificationError
 from denoc_ros.identification.analysis import DecayAnalysis, analyse_decay
@@ -23,7 +24,6 @@ from denoc_ros.identification.channel import (
     Channel,
     Reading,
     channels_of,
-    is_table,
     joint_positions,
     read_record,
 )

@@ -10,9 +10,11 @@ from typing import Literal
 import numpy as np
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
+from denoc_ros.bags.joint_state import JOINT_STATE
 from denoc_ros.bags.reader import bag_topics
 from denoc_ros.bags.series import read_joint_states
-from denoc_ros.identification.channel import JOINT_STATE, Reading, is_table
+from denoc_ros.bags.tables import is_table
+from denoc_ros.identification.channel import Reading
 from denoc_ros.identification.damped import in_gap
 from denoc_ros.identification.peaks import find_peaks
 from denoc_ros.identification.records import FEWEST_SAMPLES, Mask, Quality, Record, assess
@@ -348,7 +350,7 @@ def standing_spans(reading: Reading) -> list[Span]:
     if is_table(reading.path) or bag_topics(reading.path).get(JOINT_TOPIC) != JOINT_STATE:
         return []
     series = read_joint_states(reading.path, JOINT_TOPIC, stamp=channel.stamp)
-    t = np.asarray((series.stamp_ns - reading.origin_ns) * 1e-9, dtype=np.float64)
+    t = series.since(reading.origin_ns).t
     moving = [_moving(t, series.position[:, k]) for k in range(len(series.names))]
     told = [one for one in moving if one is not None]
     if not told:

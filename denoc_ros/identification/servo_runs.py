@@ -11,14 +11,14 @@ from typing import Any
 import numpy as np
 
 from denoc_ros.bags.digest import file_hash
+from denoc_ros.bags.joint_table import TableTimes, joint_columns, joints_with, table_times
 from denoc_ros.bags.reader import BagMessage, Stamp, read_bag
 from denoc_ros.bags.series import JointSeries, read_joint_states
+from denoc_ros.bags.tables import is_table, read_table
 from denoc_ros.errors import BagError, ConfigError, IdentificationError
-from denoc_ros.identification.channel import Channel, is_table, table_times
-from denoc_ros.identification.joint_columns import joint_columns, joints_with
+from denoc_ros.identification.channel import Channel
 from denoc_ros.identification.modes import worst
 from denoc_ros.identification.servo import Run, ServoFit, fit_servo_runs
-from denoc_ros.identification.tables import read_table
 from denoc_ros.output_files import Document, plain
 from denoc_ros.trajectories import SplineTrajectory
 from denoc_ros.types import Array
@@ -201,6 +201,7 @@ def _of_table(path: Path, options: ServoOptions) -> dict[str, Run]:
     names = options.chosen(known, f'the columns of {path}')
     own = {what: one for what, one in columns.items() if what.rpartition('.')[0] in names}
     found = joint_columns(path, given, names, own, FIELDS)
+    times = TableTimes(channel.time, channel.time_unit, channel.rate)
     runs = {}
     for name in names:
         if missing := [field for field in FIELDS if (name, field) not in found]:
@@ -209,7 +210,7 @@ def _of_table(path: Path, options: ServoOptions) -> dict[str, Run]:
                 f'{", ".join(list(given)[:20])}: --column {name}.{missing[0]}=COLUMN'
             )
         command, position = (given[found[name, field]] for field in ('command', 'position'))
-        _, _, t = table_times(path, given, channel, len(position))
+        _, _, t = table_times(path, given, times, len(position))
         if not len(command) == len(position) == len(t):
             raise BagError(
                 f'{path}: columns of {name} must be as long as the times ({len(t)}), got '
@@ -255,10 +256,9 @@ def _grid(
     path: Path, options: ServoOptions, commands: Commands, measured: JointSeries
 ) -> tuple[Array, Array]:
     """Return times (k,) in equal steps by the commands' clock, and positions (k, joints) then."""
-    channel, stamps = options.channel, measured.stamp_ns
-    whole = np.isfinite(measured.position).all(axis=1)
-    whole &= np.concatenate(([True], stamps[1:] > np.maximum.accumulate(stamps)[:-1]))
-    t = 1e-9 * (stamps[whole] - commands.begin_ns)
+    channel = options.channel
+    whole = measured.since(commands.begin_ns).rising().complete()
+    t = whole.t
     first = float(t[0]) if len(t) else 0.0
     low, high = max(0.0, first + channel.begin), 0.0
     if len(t):
@@ -270,8 +270,7 @@ def _grid(
         )
     step = float(np.median(np.diff(t)))
     grid = np.arange(low, high, step)
-    position = measured.position[whole]
-    rows = [np.interp(grid, t, position[:, k]) for k in range(position.shape[1])]
+    rows = [np.interp(grid, t, column) for column in whole.position.T]
     return grid, np.column_stack(rows)
 
 

@@ -14,7 +14,7 @@ from denoc_ros.dynamics.deflection import TipDeflections
 from denoc_ros.estimation.observer import Observer
 from denoc_ros.estimation.parameter_tracker import ParameterTracker
 from denoc_ros.kernels.compiled import ready
-from denoc_ros.kernels.quaternion import write_quaternion
+from denoc_ros.kernels.rotation import write_quaternion
 from denoc_ros.nodes.base import STATE, DenocNode
 from denoc_ros.nodes.messages import PoseMessage, listeners, raw_publish
 from denoc_ros.nodes.sensor_inputs import SensorInputs

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from denoc_ros.dynamics.mobility import mobility
+from denoc_ros.dynamics.assembling import mobility
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.shape_losses import shape_losses
 from denoc_ros.estimation.observability import observability

@@ -27,10 +27,10 @@ from denoc_ros.reports.pages import UNKNOWN, PageSection, PageTable, engineering
 from denoc_ros.types import Array
 
 if TYPE_CHECKING:
-    from denoc_ros.bags.series import Diagnostic
+    from denoc_ros.bags.run import Diagnostic, RecordedTopics
+    from denoc_ros.bags.series import Series
     from denoc_ros.model.tree import Tree
     from denoc_ros.reports.measures import Deflection
-    from denoc_ros.reports.recording import RecordedTopics, Series
 
 FOLDERS = re.compile(r'(?<![\w.:/])/(?:[^\s/:\'"]+/)+')
 HIDDEN_KEYS = ('histogram_edges', 'histogram_counts')

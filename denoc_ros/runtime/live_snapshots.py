@@ -12,8 +12,12 @@ from denoc_ros.dynamics.robot import Robot
 from denoc_ros.runtime.conversions import JointStateReader, joint_names
 from denoc_ros.runtime.live_state import LiveState
 from denoc_ros.types import Array
-from denoc_ros.viewer.channels import deflection_channel, residual_channel, torque_channels
-from denoc_ros.viewer.snapshot import Snapshot
+from denoc_ros.viewer.snapshot import (
+    Snapshot,
+    deflection_channel,
+    residual_channel,
+    torque_channels,
+)
 
 # what the charts call a source, by the node that its topic is of
 WORDS = {'predictor': 'predicted', 'plant': 'true'}

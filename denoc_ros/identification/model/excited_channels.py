@@ -9,8 +9,8 @@ import numpy as np
 import scipy.linalg
 from scipy.interpolate import CubicSpline
 
+from denoc_ros.dynamics.constraints import mimic_ties
 from denoc_ros.dynamics.measured_side import MotorSide
-from denoc_ros.dynamics.mimic_joints import mimic_ties
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.stepper import Stepper
 from denoc_ros.errors import ConfigError

@@ -25,9 +25,9 @@ from denoc_ros.estimation.joint_motion import (
 from denoc_ros.estimation.torque_along import TorqueReplay
 from denoc_ros.identification.model.free_parameters import SearchPoint
 from denoc_ros.identification.model.innovations import LinkedRows, NearbyMotion, linked_rows
-from denoc_ros.identification.model.recording import Recording
 from denoc_ros.identification.model.robust import noise_of, without_spikes
 from denoc_ros.identification.model.sensed import MeasuredSignal, SensedChannels
+from denoc_ros.identification.model.sources import Recording
 from denoc_ros.types import Array, Flags
 
 FINEST = 0.3  # of the sampling rate: the cutoff of smoothing, as high as it goes
