@@ -13,6 +13,7 @@ import tempfile
 import time
 from pathlib import Path
 
+from denoc_ros.reports.text_table import Row
 from denoc_ros.runtime.realtime import SINGLE_THREADED
 
 # as the workers have it; numpy reads it when it is imported
@@ -20,7 +21,7 @@ os.environ.update(SINGLE_THREADED)
 
 import numpy as np
 
-from denoc_ros.cli.batch import FAILURE, Row, WorkerConfig
+from denoc_ros.cli.batch import FAILURE, WorkerConfig
 from denoc_ros.cli.identify_records import MODAL, decay_options
 from denoc_ros.cli.identify_rows import identify_all
 from denoc_ros.cli.main import build_parser

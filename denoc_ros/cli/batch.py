@@ -118,7 +118,7 @@ class RowStore:
         self.flush()
 
 
-def add_worker_options(parser: argparse.ArgumentParser) -> None:
+def add_worker_options(parser: Any) -> None:
     """Declare --workers and --scheduler."""
     parser.add_argument(
         '--workers',

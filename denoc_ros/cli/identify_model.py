@@ -29,7 +29,7 @@ from denoc_ros.cli.arguments import (
     require,
     times_findings,
 )
-from denoc_ros.cli.batch import Row, WorkerConfig, add_worker_options, worker_config
+from denoc_ros.cli.batch import WorkerConfig, add_worker_options, worker_config
 from denoc_ros.cli.identify_options import Action, written_result
 from denoc_ros.cli.identify_rows import RowKind, recordings, rows_result
 from denoc_ros.cli.motion_file import write_joint_trajectory, write_points
@@ -56,6 +56,7 @@ from denoc_ros.reports.identify_numbers import (
     model_text,
 )
 from denoc_ros.reports.provenance import named_file
+from denoc_ros.reports.text_table import Row
 
 OF_NUMBER: dict[str, type] = {'': float, ' from': float, ' to': float, ' verdict': str}
 MARKS = {'found': '', 'doubtful': '?', 'not identifiable': '-'}

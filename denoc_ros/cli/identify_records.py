@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from denoc_ros.cli.arguments import add_json, add_numbers, add_output, given_file
-from denoc_ros.cli.batch import Row, WorkerConfig, add_worker_options, worker_config
+from denoc_ros.cli.batch import WorkerConfig, add_worker_options, worker_config
 from denoc_ros.cli.identify_options import (
     Action,
     add_channel_options,
@@ -45,7 +45,7 @@ from denoc_ros.reports.identify_signals import (
     joint_page,
     joint_text,
 )
-from denoc_ros.reports.text_table import text_table
+from denoc_ros.reports.text_table import Row, text_table
 
 
 def _add_signal(parser: argparse.ArgumentParser) -> None:

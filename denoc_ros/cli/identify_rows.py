@@ -10,11 +10,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from denoc_ros.cli.batch import FAILURE, Row, RowStore, WorkerConfig, run_batch
+from denoc_ros.cli.batch import FAILURE, RowStore, WorkerConfig, run_batch
 from denoc_ros.cli.verb_result import VerbResult
 from denoc_ros.cli.verbs import BAD_INPUT, DOUBTFUL
 from denoc_ros.errors import BagError
-from denoc_ros.reports.text_table import text_table
+from denoc_ros.reports.text_table import Row, text_table
 
 RECORDINGS = ('.mcap', '.db3', '.csv', '.tsv', '.dat', '.mat', '.json')
 

@@ -23,7 +23,6 @@ from denoc_ros.cli.arguments import (
 )
 from denoc_ros.cli.batch import (
     FAILURE,
-    Row,
     RowStore,
     WorkerConfig,
     add_worker_options,
@@ -41,6 +40,7 @@ from denoc_ros.estimation.setpoints import rounded_setpoints, smoothed
 from denoc_ros.output_files import require_new
 from denoc_ros.reports.provenance import named_file, versions
 from denoc_ros.reports.run_files import SIMULATED
+from denoc_ros.reports.text_table import Row
 from denoc_ros.simulation.bag import write_run
 from denoc_ros.simulation.run import Run
 from denoc_ros.simulation.scenario import Scenario, model_settings, scenario_from_config

@@ -15,7 +15,7 @@ from denoc_ros.dynamics.shape_losses import shape_losses
 from denoc_ros.estimation.observability import observability
 from denoc_ros.model.suggest.beam import BeamSuggestion
 from denoc_ros.model.suggest.suggestion import Suggestion
-from denoc_ros.model.tree import Beam, Body, Joint, Tree
+from denoc_ros.model.tree import Beam, Body, InertialSensor, Joint, Sensor, Tree
 from denoc_ros.output_files import plain
 from denoc_ros.reports.text_table import Row, cell_text, text_table
 from denoc_ros.types import Array
@@ -64,6 +64,7 @@ def summarize(robot: Robot, postures: Sequence[Posture] = ()) -> Row:
     springs = [row for body in tree.bodies for row in _spring(body.joint)]
     beams = _beams([body for body in tree.bodies if body.segment == 1])
     frequencies = robot.natural_frequencies(np.zeros(robot.n), held=True)
+    sensors: tuple[Sensor | InertialSensor, ...] = (*tree.sensors, *tree.inertial_sensors)
     row = {
         'robot': tree.name,
         'mass_kg': sum(link['mass_kg'] for link in links),
@@ -75,8 +76,7 @@ def summarize(robot: Robot, postures: Sequence[Posture] = ()) -> Row:
         'flexible': [row for body in tree.bodies for row in _components(body)],
         'shapes': _shapes(robot),
         'sensors': [
-            {'sensor': s.name, 'type': s.type, 'link': s.link, 'topic': s.topic}
-            for s in (*tree.sensors, *tree.inertial_sensors)
+            {'sensor': s.name, 'type': s.type, 'link': s.link, 'topic': s.topic} for s in sensors
         ],
         **_mechanism(robot),
         'natural_frequencies_hz': frequencies,
