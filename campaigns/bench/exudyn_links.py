@@ -58,7 +58,7 @@ POISSON, DENSITY = 0.3, 2700.0
 DAMPING = 2e-4  # s, of the stiffness
 MODES = 6
 RATES = 1.0, 2.0  # rad/s
-TIGHT = {'rtol': 1e-10, 'atol': 1e-12}
+RTOL, ATOL = 1e-10, 1e-12
 
 # x [m], EI [N m2], mass per length [kg/m]: tapers, then steps, then tapers
 STATIONS = ((0.0, 900.0, 3.0), (0.4, 500.0, 2.4), (0.4, 350.0, 1.6), (1.0, 150.0, 1.0))
@@ -117,7 +117,7 @@ def meshed(
         robot = meshed_arm(solid, Path(folder))
     start = np.zeros(robot.n)
     start[[robot.coordinate_names.index(name) for name in ('j1', 'j2')]] = rates
-    run = dn.simulate(robot, np.zeros(robot.n), start, times, **TIGHT)
+    run = dn.simulate(robot, np.zeros(robot.n), start, times, rtol=RTOL, atol=ATOL)
     ours = np.array([robot.frame_pose('tip', q)[:3, 3] for q in run.q])
     coarse, fine = (exudyn_meshed(solid, times, rates, h) for h in (2.0 * step, step))
     return difference(robot, run.q, ours, fine + (fine - coarse) / 3.0, ('a', 'b'), 2.0 * LENGTH)
@@ -231,7 +231,7 @@ def tapered(duration: float = DURATION, elements: int = 64, step: float = 2.5e-4
     """
     times = np.linspace(0.0, duration, OUTPUTS)
     robot = tapered_arm()
-    run = dn.simulate(robot, np.zeros(robot.n), np.zeros(robot.n), times, **TIGHT)
+    run = dn.simulate(robot, np.zeros(robot.n), np.zeros(robot.n), times, rtol=RTOL, atol=ATOL)
     ours = np.array([robot.frame_pose('tip', q)[:3, 3] for q in run.q])
     coarse, fine = (exudyn_tapered(times, n, step) for n in (elements // 2, elements))
     return difference(robot, run.q, ours, fine + (fine - coarse) / 3.0, ('a', 'b'), REACH)

@@ -20,14 +20,14 @@ from denoc_ros.errors import ConfigError, IdentificationError
 from denoc_ros.estimation.calibration import (
     Calibration,
     calibrate,
+    calibrate_mounting,
     calibration_paths,
     find_plateaus,
     match_levels,
+    read_motion,
     sensor_values,
 )
-from denoc_ros.estimation.mounting import calibrate_mounting, read_motion
-from denoc_ros.model.overrides import edited_description
-from denoc_ros.model.remounting import remounted_description
+from denoc_ros.model.overrides import edited_description, remounted_description
 from denoc_ros.model.sensors import wrench_field
 from denoc_ros.output_files import write_new, write_text
 

@@ -11,7 +11,7 @@ from typing import Any
 
 from denoc_ros.errors import ConfigError
 from denoc_ros.model.mapping_reader import MappingReader, are_numbers, is_number
-from denoc_ros.model.overrides import FAMILIES
+from denoc_ros.model.numbers import FAMILIES
 from denoc_ros.yaml_text import YamlError, load_yaml, read_yaml_file
 
 REAL, SIMULATED, AUTO = TIMES = ('real', 'simulated', 'auto')

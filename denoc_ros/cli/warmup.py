@@ -207,8 +207,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def has_constraints(tree: Tree) -> bool:
     """Say whether a robot has kinematic loops or mimic joints."""
-    mimics = any(body.joint is not None and body.joint.mimic is not None for body in tree.bodies)
-    return bool(tree.loops) or mimics
+    return bool(tree.loops or tree.mimics)
 
 
 def run(args: argparse.Namespace) -> int:

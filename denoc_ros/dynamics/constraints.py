@@ -25,6 +25,7 @@ from denoc_ros.kernels.constrained_derivatives import (
     constraint_row_rates,
 )
 from denoc_ros.kernels.handle import GOOD, MISFIT
+from denoc_ros.model.friction import Friction
 from denoc_ros.model.tree import Mimic
 from denoc_ros.types import Array
 
@@ -130,10 +131,8 @@ def axis_resistance(
     """
     loops = [loop for loop in robot.tree.loops if loop.damping > 0.0 or loop.friction > 0.0]
     damping, dry = np.array([(x.damping, x.friction) for x in loops]).reshape(-1, 2).T
-    rates, scale = axes @ qd, robot.slip_rate
-    slip = np.tanh(rates / scale)
-    slope = damping + dry / scale * (1.0 - slip**2) if friction else damping
-    return damping * rates + dry * slip, slope
+    rates, law = axes @ qd, Friction(damping, dry)
+    return law.force(rates), law.slope(rates) if friction else damping
 
 
 def least_solution(matrix: Array, wanted: Array) -> tuple[Array, Array]:

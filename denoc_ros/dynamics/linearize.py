@@ -28,6 +28,7 @@ from denoc_ros.dynamics.sensor_values import SensorValues
 from denoc_ros.dynamics.validation import as_vector
 from denoc_ros.errors import StateError
 from denoc_ros.kernels.closing import OPEN
+from denoc_ros.model.friction import Friction
 from denoc_ros.types import Array
 
 WRENCH = ('fx', 'fy', 'fz', 'mx', 'my', 'mz')
@@ -301,8 +302,7 @@ def _forces(
 
 def friction_slope(robot: RobotModel, qd: Array) -> Array:
     """Return the slope (n,) of the coordinates' Coulomb friction at rates qd."""
-    slip = robot.slip_rate
-    return np.asarray(robot.friction / slip * (1.0 - np.tanh(qd / slip) ** 2))
+    return Friction(np.zeros(robot.n), robot.friction).slope(qd)
 
 
 @dataclass(frozen=True)

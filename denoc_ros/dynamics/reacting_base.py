@@ -13,7 +13,7 @@ from denoc_ros.dynamics.floating_base import ATTITUDE, wrap_attitude
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.dynamics.rotations import left_jacobians, rotations
 from denoc_ros.errors import StateError
-from denoc_ros.model.held_base import with_held_base
+from denoc_ros.model.overrides import with_held_base
 from denoc_ros.types import Array
 
 if TYPE_CHECKING:

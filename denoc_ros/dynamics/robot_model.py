@@ -38,10 +38,10 @@ from denoc_ros.kernels.handle import GOOD, NOT_FINITE, SINGULAR
 from denoc_ros.kernels.link_side import STATES as LINK_STATES
 from denoc_ros.model.arrays import ModelArrays, inertia_row, rigid_inertia, to_arrays
 from denoc_ros.model.coordinates import diagonals
-from denoc_ros.model.damping_overrides import with_other_damping
 from denoc_ros.model.inertia import difference, from_centre, inverse_transform, moved, total
-from denoc_ros.model.joint_rows import cross_matrix
-from denoc_ros.model.overrides import payloads_of, with_overrides
+from denoc_ros.model.numbers import with_numbers
+from denoc_ros.model.overrides import with_overrides
+from denoc_ros.model.payloads import payloads_of
 from denoc_ros.model.tree import RigidInertia, Tree
 from denoc_ros.types import Array
 
@@ -158,33 +158,6 @@ class Split(NamedTuple):
     free: Int  # (f,)
     flags: Array  # (n,) 1 at the joints
     places: tuple[Int, ...]  # where the parts of HybridDerivatives stand in the kernel's matrices
-
-
-def payload_inertia(
-    placement: Array, mass: float, com: ArrayLike, inertia: ArrayLike | None
-) -> RigidInertia:
-    """Return a payload's inertia about the body origin, from its frame's placement on the body.
-
-    Raises
-    ------
-    StateError
-        The mass is negative or not finite, or the inertia is not symmetric positive semidefinite.
-    """
-    centre = as_vector('com', com, (3,))
-    about = np.zeros((3, 3)) if inertia is None else as_vector('inertia', inertia, (3, 3))
-    if not (np.isfinite(mass) and mass >= 0.0):
-        raise StateError(f'payload mass must be >= 0 kg, got {mass}')
-    moments = np.linalg.eigvalsh(about)
-    scale = 1e-9 * max(1.0, float(np.abs(about).max()))
-    if not np.allclose(about, about.T, atol=scale) or moments[0] < -scale:
-        raise StateError(
-            f'payload inertia must be symmetric positive semidefinite, got {about.tolist()}'
-        )
-    rotation = placement[:3, :3]
-    centre = rotation @ centre + placement[:3, 3]
-    arm = cross_matrix(centre)
-    total = rotation @ about @ rotation.T - mass * arm @ arm
-    return RigidInertia(float(mass), mass * centre, total)
 
 
 KERNELS = (
@@ -381,13 +354,11 @@ class RobotModel:
         ConfigError
             A path that names nothing, or a value that makes no model.
         """
-        damped = with_other_damping(self.tree, overrides)
-        if damped is None:
-            tree = with_overrides(self.tree, overrides)
-            other = type(self)(tree, self.gravity, self.geometric_stiffness)
-        else:  # all but the terms along the coordinates stays
-            arrays = self.arrays.with_diagonals(diagonals(self._modelled(damped)))
-            other = self._of_arrays(arrays, damped)
+        changed = with_numbers(self.tree, overrides)
+        if changed is not None:
+            return with_numbers_of(self, changed)
+        tree = with_overrides(self.tree, overrides)
+        other = type(self)(tree, self.gravity, self.geometric_stiffness)
         other._take_payloads(self)
         other.move_base(self._base)
         return other
@@ -570,3 +541,42 @@ class RobotModel:
             require_rotors(self.tree)
             raise SolverError(f'{self.tree.name}: the inertia must be positive definite, got none')
         raise StateError('the result must be finite, got an overflow from finite arguments')
+
+
+def with_numbers_of(robot: Held, tree: Tree) -> Held:
+    """Return the robot of a tree that differs from its own in numbers: no arrays are built anew.
+
+    Terms along the coordinates and inertias of bodies are the tree's. Payloads that were set and
+    scaled loads stay, and the base moves as it does.
+    """
+    arrays = robot.arrays.with_diagonals(diagonals(robot._modelled(tree)))
+    for index, (body, before) in enumerate(zip(tree.bodies, robot.tree.bodies, strict=True)):
+        if body.inertia is not before.inertia:
+            arrays = arrays.with_inertia(index, body)
+    other = robot._of_arrays(arrays, tree)
+    other._take_payloads(robot)
+    other.move_base(robot._base)
+    return other
+
+
+def payload_inertia(
+    placement: Array, mass: float, com: ArrayLike, inertia: ArrayLike | None
+) -> RigidInertia:
+    """Return a payload's inertia about the body origin, from its frame's placement on the body.
+
+    Raises
+    ------
+    StateError
+        The mass is negative or not finite, or the inertia is not symmetric positive semidefinite.
+    """
+    centre = as_vector('com', com, (3,))
+    about = np.zeros((3, 3)) if inertia is None else as_vector('inertia', inertia, (3, 3))
+    if not (np.isfinite(mass) and mass >= 0.0):
+        raise StateError(f'payload mass must be >= 0 kg, got {mass}')
+    moments = np.linalg.eigvalsh(about)
+    scale = 1e-9 * max(1.0, float(np.abs(about).max()))
+    if not np.allclose(about, about.T, atol=scale) or moments[0] < -scale:
+        raise StateError(
+            f'payload inertia must be symmetric positive semidefinite, got {about.tolist()}'
+        )
+    return moved(from_centre(float(mass), centre, about), placement)

@@ -14,8 +14,7 @@ from denoc_ros.dynamics.rotations import (
     rotation_vectors,
     rotations,
 )
-from denoc_ros.model.beam_arrays import foreshortening
-from denoc_ros.model.component_arrays import second_order
+from denoc_ros.model.beam_arrays import foreshortening, second_order
 from denoc_ros.model.link_file import ReducedLink
 from denoc_ros.model.segments import locate
 from denoc_ros.model.tree import Beam, Deformation

@@ -9,7 +9,7 @@ from denoc_ros.dynamics.robot_model import RobotModel
 from denoc_ros.dynamics.section import AnySection, ComponentSection, Section, SegmentedSection
 from denoc_ros.errors import StateError
 from denoc_ros.kernels import layout, world
-from denoc_ros.model.joint_rows import cross_matrix
+from denoc_ros.model.arrays import cross_matrix
 from denoc_ros.model.segments import WholeBeam, whole_beams
 from denoc_ros.model.tree import Sensor
 from denoc_ros.types import Array

@@ -10,7 +10,7 @@ from std_srvs.srv import SetBool
 from denoc_ros.dynamics.feedforward import TorqueFeedforward
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import ConfigError
-from denoc_ros.model.overrides import FAMILIES
+from denoc_ros.model.numbers import FAMILIES
 from denoc_ros.nodes.model_node import is_override
 from denoc_ros.nodes.robot_node import RobotNode
 from denoc_ros.nodes.torque_feedback import TorqueFeedback

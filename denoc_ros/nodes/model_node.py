@@ -11,8 +11,8 @@ from std_msgs.msg import String
 from denoc_ros.dynamics.measured_side import measured_robot
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.errors import ConfigError, ModelError
-from denoc_ros.model.held_base import with_held_base
-from denoc_ros.model.overrides import FAMILIES
+from denoc_ros.model.numbers import FAMILIES
+from denoc_ros.model.overrides import with_held_base
 from denoc_ros.model.source import is_text, parse_xml
 from denoc_ros.nodes.base import LATCHED, DenocNode
 from denoc_ros.runtime.input_error import InputError

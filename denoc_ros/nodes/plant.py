@@ -203,11 +203,7 @@ class PlantNode(RobotNode):
             for key in ('kp', 'kd')
         )
         self._has_feedback = bool(self._kp.any() or self._kd.any())
-        limits = {
-            body.joint.name: body.joint.limits.effort
-            for body in self.robot.tree.bodies
-            if body.joint is not None
-        }
+        limits = {name: joint.limits.effort for name, joint in self.robot.tree.joints.items()}
         enforce = settings.flag('enforce_effort_limits')
         self._limit = np.array([limits[j] if enforce else math.inf for j in self.joints])
         self._by_impedance = bool(settings.text('impedance_command'))

@@ -9,7 +9,7 @@ import numpy as np
 
 from denoc_ros.bags.series import joint_state_blocks, read_joint_states
 from denoc_ros.dynamics.robot import Robot
-from denoc_ros.estimation.base_record import BaseRecord
+from denoc_ros.estimation.base_track import BaseRecord
 from denoc_ros.estimation.parameter_tracker import ParameterTracker
 from denoc_ros.estimation.tracker_settings import TrackerSettings
 from denoc_ros.identification.model.sources import Recording, RecordingSettings, read_source

@@ -17,7 +17,7 @@ from denoc_ros.dynamics.measured_side import measured_robot
 from denoc_ros.dynamics.reacting_base import held_robot
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import BagError, SolverError, StateError
-from denoc_ros.estimation.base_record import BaseRecord
+from denoc_ros.estimation.base_track import BaseRecord
 from denoc_ros.estimation.torque_along import TorqueReplay, Torques
 from denoc_ros.output_files import require_new, whole_file
 from denoc_ros.replay.adaptation import Adapted, AdaptSettings, adapted_along

@@ -11,8 +11,7 @@ from denoc_ros.errors import ConfigError
 from denoc_ros.estimation.observer import Observer
 from denoc_ros.estimation.parameter_tracker import SILENT, ParameterTracker
 from denoc_ros.estimation.tracked_model import BaseAt
-from denoc_ros.estimation.tracked_paths import tracked_paths
-from denoc_ros.estimation.tracker_settings import TrackerSettings
+from denoc_ros.estimation.tracker_settings import TrackerSettings, tracked_paths
 from denoc_ros.runtime.parameters import Settings
 from denoc_ros.runtime.status import WARN, Status
 from denoc_ros.types import Array

@@ -18,7 +18,7 @@ from denoc_ros.dynamics.floating_base import require_known_base
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import ConfigError, StateError
 from denoc_ros.estimation.clock import StampClock
-from denoc_ros.model.overrides import FAMILIES
+from denoc_ros.model.numbers import FAMILIES
 from denoc_ros.runtime.feedback_parameters import SETTINGS
 from denoc_ros.runtime.following import STALE_JOINTS
 from denoc_ros.runtime.gain_worker import FeedbackModel, GainWorker, WantedGains

@@ -10,7 +10,6 @@ import math
 from collections.abc import Sequence
 from copy import copy
 from operator import le
-from typing import Any
 
 import numpy as np
 
@@ -175,8 +174,7 @@ def _rate(limits: Limits, factor: float) -> float:
 
 def limits_of(robot: Robot, joints: Sequence[str]) -> list[Limits]:
     """Return the limits of joints of a robot."""
-    found: dict[str, Any] = {b.joint.name: b.joint for b in robot.tree.bodies if b.joint}
-    return [found[joint].limits for joint in joints]
+    return [robot.tree.joints[joint].limits for joint in joints]
 
 
 def motion_bounds(robot: Robot, joints: Sequence[str], settings: Settings) -> MotionBounds:

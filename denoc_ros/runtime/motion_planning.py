@@ -16,7 +16,7 @@ from denoc_ros.control.ringing import require_flexible
 from denoc_ros.control.servo import joint_servo
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import StateError
-from denoc_ros.model.overrides import FAMILIES
+from denoc_ros.model.numbers import FAMILIES
 from denoc_ros.runtime.input_error import InputError
 from denoc_ros.runtime.motion_samples import RequestedMotion
 from denoc_ros.runtime.parameters import Settings

@@ -164,10 +164,9 @@ def torque_limits(robot: Robot, joints: Sequence[str], settings: Settings) -> Ar
     ValueError
         `effort_limits` has a wrong length.
     """
-    described = {b.joint.name: b.joint for b in robot.tree.bodies if b.joint is not None}
     return effort_limits(
         settings.numbers('effort_limits'),
-        [described[joint].limits.effort for joint in joints],
+        [robot.tree.joints[joint].limits.effort for joint in joints],
         joints,
         settings.flag('enforce_command_limits'),
     )

@@ -253,11 +253,10 @@ class JointSliders:
         self._draw, self.q = draw, start.copy()
         self._held = independent_joints(robot, start)
         self._folder = gui.add_folder('Joints', order=30.0)
-        joints = {body.joint.name: body.joint for body in robot.tree.bodies if body.joint}
         self._sliders: dict[int, tuple[Any, float]] = {}
         with self._folder:
             for name, index in zip(self._held, robot.indices(self._held), strict=True):
-                joint = joints[name]
+                joint = robot.tree.joints[name]
                 unit, size = ('m', 1.0) if slides(joint) else ('deg', math.degrees(1.0))
                 low, high = (size * end for end in _range(joint, reach(robot)))
                 step = (high - low) / SLIDE_STEPS if slides(joint) else 1.0

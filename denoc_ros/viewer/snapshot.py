@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from denoc_ros.model.tree import JointKind, Tree
+from denoc_ros.model.tree import Tree
 from denoc_ros.types import Array
 
 
@@ -51,15 +51,9 @@ def deflection_channel(what: str, tip: str) -> str:
 
 def torque_channels(tree: Tree) -> Mapping[str, str]:
     """Return the channel of every joint's torque, or force."""
-    return {
-        body.joint.name: (
-            f'force [N]/{body.joint.name}'
-            if body.joint.kind is JointKind.PRISMATIC
-            else f'torque [N m]/{body.joint.name}'
-        )
-        for body in tree.bodies
-        if body.joint is not None
-    }
+    names = {'N': 'force', 'N m': 'torque'}
+    units = {name: joint.effort_unit for name, joint in tree.joints.items()}
+    return {name: f'{names[unit]} [{unit}]/{name}' for name, unit in units.items()}
 
 
 def residual_channel(sensor: str) -> str:

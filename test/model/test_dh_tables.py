@@ -21,7 +21,7 @@ from denoc_ros.studies.dh import rod_inertia, urdf_text
 from denoc_ros.studies.dh_system import DHLink, DHSystem, load_system, read_system
 from denoc_ros.types import Array
 
-CONFIG = Path(__file__).resolve().parents[3] / 'config'
+CONFIG = Path(__file__).resolve().parents[2] / 'config'
 # Committed robot, table, kinds.
 ROBOTS = [
     ('single_link', 'single_link', None),

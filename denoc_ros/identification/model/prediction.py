@@ -15,7 +15,6 @@ from scipy.interpolate import CubicSpline
 
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import IdentificationError
-from denoc_ros.estimation.joint_friction import JointFriction
 from denoc_ros.estimation.joint_motion import (
     LocalPolynomials,
     SmoothedMotion,
@@ -28,6 +27,7 @@ from denoc_ros.identification.model.innovations import LinkedRows, NearbyMotion,
 from denoc_ros.identification.model.robust import noise_of, without_spikes
 from denoc_ros.identification.model.sensed import MeasuredSignal, SensedChannels
 from denoc_ros.identification.model.sources import Recording
+from denoc_ros.model.friction import Friction
 from denoc_ros.types import Array, Flags
 
 FINEST = 0.3  # of the sampling rate: the cutoff of smoothing, as high as it goes
@@ -207,7 +207,7 @@ class PreparedRun:
         self.channels = [
             MeasuredSignal(
                 f'effort {recording.joints[k]}',
-                _unit(robot, recording.joints[k]),
+                robot.tree.joints[recording.joints[k]].effort_unit,
                 t[self._kept],
                 self._effort[self._kept, column],
                 float(
@@ -402,7 +402,7 @@ class PreparedRun:
                 ('armature', robot.armature[index]),
             )
         )
-        added = JointFriction(viscous, coulomb, 0.0 * viscous).torque(states[1][:, index])
+        added = Friction(viscous, coulomb).force(states[1][:, index])
         torque: Array = added + armature * states[2][:, index]
         return torque
 
@@ -454,8 +454,3 @@ def delayed_with(channel: str) -> str:
         return 'effort'
     name = channel.partition('/')[0]
     return f'pose.{name.removeprefix("pose ")}' if name.startswith('pose ') else name
-
-
-def _unit(robot: Robot, joint: str) -> str:
-    kinds = {body.joint.name: body.joint.kind.name for body in robot.tree.bodies if body.joint}
-    return 'N' if kinds.get(joint) == 'PRISMATIC' else 'N m'

@@ -16,7 +16,7 @@ from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.errors import IdentificationError
 from denoc_ros.identification.model.excitation import Excitation
 from denoc_ros.identification.model.fit import IdentifiedModel, identify_model
-from denoc_ros.identification.model.free_numbers import unit_of
+from denoc_ros.identification.model.free_parameters import unit_of
 from denoc_ros.identification.model.information import NOT_TOLD
 from denoc_ros.identification.model.sources import RecordingSettings
 from denoc_ros.identification.model.sources import read_source as read_recording_source

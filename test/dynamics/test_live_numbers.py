@@ -1,4 +1,4 @@
-"""Damping and friction change without the description being read again, to the same robot."""
+"""Numbers change without the description being read again, to the same robot."""
 
 from __future__ import annotations
 
@@ -16,12 +16,14 @@ from denoc_ros.dynamics import robot_model
 from denoc_ros.dynamics.measured_side import measured_robot
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.errors import ConfigError, DenocError, ModelError
-from denoc_ros.model.damping_overrides import with_other_damping
-from denoc_ros.model.override_values import override_values
+from denoc_ros.model.numbers import Number, numbers_of, values_of, with_numbers
 from denoc_ros.model.overrides import with_overrides
 from denoc_ros.runtime.live_model import LiveModel
 
-FIELDS = ('damping', 'friction', 'damping_ratio')
+CELL = (
+    '<sensor name="cell" type="load_cell" component="moment" link="fore" station="0.5" '
+    'direction="z"/>'
+)
 ROBOTS: dict[str, Callable[[], Robot]] = {
     'arm': lambda: load_robot(ARM),
     'segments': lambda: load_robot(spatial_text()),
@@ -29,19 +31,30 @@ ROBOTS: dict[str, Callable[[], Robot]] = {
     'motor side': lambda: measured_robot(load_robot(geared_arm.arm_text())),
     'link side': lambda: measured_robot(load_robot(geared_arm.arm_text('link'))),
     'loop': lambda: load_robot('config/robots/five_bar_ffff.urdf'),
+    'sensors': lambda: load_robot('config/robots/canadarm_gauges.urdf'),
+    'load cells': lambda: load_robot(spatial_text(more=CELL)),
 }
 
 
 def changes(robot: Robot, seed: int) -> Iterator[dict[str, Any]]:
-    """Yield overrides: each path that damps by itself, then all but the ratios together."""
+    """Yield overrides: each number by itself, then all but the ratios together."""
     random = np.random.default_rng(seed)
-    paths = [path for path in override_values(robot.tree) if path.endswith(FIELDS)]
     joined = {}
-    for path in paths:
-        yield {path: float(random.uniform(0.0, 2.0))}
+    for path, number in numbers_of(robot.tree).items():
+        yield {path: other_value(robot, number, random)}
         if not path.endswith('ratio'):
-            joined[path] = float(random.uniform(0.0, 2.0))
+            joined[path] = other_value(robot, number, random)
     yield joined
+
+
+def other_value(robot: Robot, number: Number, random: np.random.Generator) -> Any:
+    """Return a value near that of the robot; of a payload that of a body that can be."""
+    if number.path.endswith('.inertia'):
+        return [1.0, 0.1, 0.2, 2.0, 0.3, 3.0]
+    if number.counts == (3,):
+        return random.uniform(-0.5, 0.5, 3).tolist()
+    present = float(np.ravel(number.get(robot.tree))[0])
+    return (present or 0.5) * float(random.uniform(0.5, 2.0))
 
 
 def read_again(robot: Robot, overrides: dict[str, Any]) -> Robot:
@@ -60,8 +73,15 @@ def require_same(found: Robot, wanted: Robot) -> None:
             # the shapes' integrals may be worked out anew
             np.testing.assert_allclose(one.constants, other.constants, rtol=1e-12, atol=1e-300)
             np.testing.assert_allclose(one.diagonals, other.diagonals, rtol=1e-12)
+    for sensor, same in zip(found.tree.sensors, wanted.tree.sensors, strict=True):
+        np.testing.assert_allclose(sensor.row, same.row, rtol=1e-12)
+    for body, again in zip(found.tree.bodies, wanted.tree.bodies, strict=True):
+        if body.beam is not None and again.beam is not None:
+            assert body.beam.surface == again.beam.surface
+            assert body.beam.corners == again.beam.corners
+    assert found.tree.warnings == wanted.tree.warnings
     assert found.tree.overrides == wanted.tree.overrides
-    values, others = override_values(found.tree), override_values(wanted.tree)
+    values, others = values_of(found.tree), values_of(wanted.tree)
     assert values.keys() == others.keys()
     for path, value in values.items():
         np.testing.assert_allclose(value, others[path], rtol=1e-11, err_msg=path)
@@ -91,6 +111,7 @@ def test_the_description_is_not_read(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(robot_model, 'with_overrides', read)
     for overrides in changes(robot, 3):
         robot.with_overrides(overrides)
+    robot.with_overrides({'damping.shoulder': 1.0, 'beam.upper_arm.y.damping': [1, 2]})
 
 
 def test_payloads_and_the_motion_of_the_base_stay_and_the_first_robot_as_it_is() -> None:
@@ -123,20 +144,38 @@ def test_what_is_wrong_is_refused_as_before(
     path: str, value: Any, error: type[DenocError], says: str
 ) -> None:
     robot = load_robot(ARM)
-    assert with_other_damping(robot.tree, {path: value}) is None
     with pytest.raises(error, match=says):
         robot.with_overrides({path: value})
 
 
-def test_other_numbers_and_two_names_of_one_are_left_to_the_description() -> None:
+def test_what_changes_the_coordinates_and_texts_are_left_to_the_description() -> None:
     tree = load_robot(ARM).tree
-    for overrides in (
-        {'beam.upper_arm.y.ei': 1.0e5},
-        {'damping.shoulder': 1.0},
-        {'beam.upper_arm.y.damping': 1.0, 'beam.upper_arm.y.damping_ratio': 0.01},
-        {'joint.shoulder.damping': 1.0, 'joint.shoulder.armature': 1.0},
+    for path, value in (
+        ('beam.upper_arm.y.modes', 3),
+        ('beam.upper_arm.shape', 'craig-bampton'),
+        ('joint.shoulder.damping', '1.0'),
     ):
-        assert with_other_damping(tree, overrides) is None
+        assert with_numbers(tree, {path: value, 'joint.elbow.damping': 1.0}) is None
+
+
+def test_a_rotor_that_comes_or_goes_before_a_spring_is_warned_of() -> None:
+    robot = load_robot(elastic_robot(3))
+    name = next(name for name, joint in robot.tree.joints.items() if joint.spring)
+    without = robot.with_overrides({f'joint.{name}.armature': 0.0})
+    assert any('should be > 0' in warning for warning in without.tree.warnings)
+
+
+def test_a_number_that_goes_and_comes_back_is_as_before() -> None:
+    """Nothing of the values between is left, to the last bit."""
+    robot = ROBOTS['sensors']()
+    first = next(changes(robot, 4))
+    known = robot.with_overrides(values_of(robot.tree))
+    again = known
+    for overrides in [*changes(robot, 5), first]:
+        again = again.with_overrides(overrides)
+    again = again.with_overrides(values_of(robot.tree))
+    np.testing.assert_array_equal(again.arrays.diagonals, known.arrays.diagonals)
+    np.testing.assert_array_equal(again.arrays.constants, known.arrays.constants)
 
 
 def test_a_live_model_is_the_same_whatever_changed_before() -> None:
