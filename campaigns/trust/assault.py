@@ -34,7 +34,7 @@ from trust.siege_scenes import FALLEN_SILENT
 from trust.siege_stage import ANSWER, FEED, SiegeStage
 from trust.sockets import attack_page
 
-from denoc_ros.cli.kernels_ahead import HEAVY, all_kernels
+from denoc_ros.cli.warmup import HEAVY, all_kernels
 from denoc_ros.kernels.cache import SUFFIX
 from denoc_ros.trajectories import SplineTrajectory
 

@@ -19,7 +19,8 @@ from denoc_ros.errors import ConfigError, StateError
 def fake_verb(run: Callable[[argparse.Namespace], int]) -> types.ModuleType:
     module = types.ModuleType('fake')
     module.__dict__['run'] = run
-    module.__dict__['add_parser'] = lambda subparsers: subparsers.add_parser('check')
+    module.__dict__['DESCRIPTION'] = ''
+    module.__dict__['add_options'] = lambda _parser: None
     return module
 
 

@@ -50,8 +50,8 @@ SPATIAL: dict[str, Any] = {
 
 def run_command(*arguments: str) -> int:
     parser = argparse.ArgumentParser()
-    command.add_parser(parser.add_subparsers())
-    return command.run(parser.parse_args(['dh', *arguments]))
+    command.add_options(parser)
+    return command.run(parser.parse_args(arguments))
 
 
 @pytest.mark.parametrize(('robot', 'table', 'kinds'), ROBOTS)

@@ -17,7 +17,7 @@ import denoc_ros as dn
 from denoc_ros.bags.reader import DESCRIPTION_ATTACHMENT
 from denoc_ros.bags.writer import BagWriter
 from denoc_ros.cli.session_file import SessionFile
-from denoc_ros.reports.summary import summary_lines
+from denoc_ros.reports.headline import summary_lines
 from denoc_ros.simulation.bag import write_run
 from denoc_ros.simulation.simulate import Run
 

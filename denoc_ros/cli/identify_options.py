@@ -1,26 +1,82 @@
-"""Arguments that the actions of `denoc identify` share: signal, robot, window, calibration."""
+"""Options that actions of `denoc identify` share, and the files of their results."""
 
 from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
-from denoc_ros.bags.reader import read_description
-from denoc_ros.bags.tables import is_table
 from denoc_ros.cli.arguments import (
     add_gravity,
+    add_json,
+    add_numbers,
+    add_output,
+    add_repeated,
     add_stamp,
     add_times,
-    given_file,
+    add_window,
     named_values,
     require,
     times_findings,
 )
-from denoc_ros.dynamics.robot import Robot, load_robot
+from denoc_ros.cli.verb_result import VerbResult
+from denoc_ros.cli.verbs import exit_status
 from denoc_ros.errors import ConfigError
 from denoc_ros.identification.channel import Channel
+from denoc_ros.identification.result import RESULT_FILE, write_result
+from denoc_ros.output_files import Document, write_text
+from denoc_ros.reports.pages import ReportPage
+from denoc_ros.reports.provenance import versions
+
+
+@dataclass(frozen=True)
+class Action:
+    """One action of `denoc identify`.
+
+    Attributes
+    ----------
+    name, description : str
+    add_options : callable
+        Declares its arguments.
+    run : callable
+        Of the parsed arguments the result; what they mean goes on as values of their own.
+    """
+
+    name: str
+    description: str
+    add_options: Callable[[argparse.ArgumentParser], None]
+    run: Callable[[argparse.Namespace], VerbResult]
+
+
+def written_result(
+    output: Path | None,
+    document: Document,
+    text: Callable[[Document], str],
+    page: Callable[[Document], ReportPage],
+    notes: Sequence[str] = (),
+) -> VerbResult:
+    """Return the result of an action; write it and its page to a folder if one is named.
+
+    Parameters
+    ----------
+    output : Path or None
+        The folder.
+    document : dict
+        The result, of plain values; the versions are added.
+    text, page : callable
+        Of the result, for a terminal and for the folder.
+    notes : sequence of str
+        As of `VerbResult`.
+    """
+    document = {**document, 'versions': versions()}
+    if output:
+        if (output / RESULT_FILE).exists():
+            notes = [*notes, f'denoc identify: {output}: the earlier result is replaced']
+        write_result(output, document)
+        write_text(output / 'report.html', page(document).html())
+    return VerbResult(document, [text(document)], exit_status(document['verdict']), notes)
 
 
 def add_recording_options(parser: argparse.ArgumentParser, several: bool = False) -> None:
@@ -29,14 +85,8 @@ def add_recording_options(parser: argparse.ArgumentParser, several: bool = False
         parser.add_argument('path', metavar='BAG', type=Path, nargs='+', help='bags or tables')
     else:
         parser.add_argument('path', metavar='BAG', type=Path, help='a bag or a table')
-    parser.add_argument(
-        '-o',
-        '--output',
-        metavar='FOLDER',
-        type=Path,
-        help='folder for result.yaml and report.html',
-    )
-    parser.add_argument('--json', action='store_true', help='print machine-readable JSON')
+    add_output(parser, 'FOLDER', 'folder for result.yaml and report.html')
+    add_json(parser)
 
 
 def add_channel_options(parser: argparse.ArgumentParser) -> None:
@@ -59,20 +109,13 @@ def add_channel_options(parser: argparse.ArgumentParser) -> None:
     )
     add_stamp(group)
     add_times(group)
-    group.add_argument('--gain', type=float, default=1.0, help='value = gain * raw + offset')
-    group.add_argument(
-        '--offset',
-        type=float,
-        default=0.0,
-        help='offset in value = gain * raw + offset, in the unit of the value',
+    add_numbers(
+        group,
+        ('--gain', 1.0, 'value = gain * raw + offset'),
+        ('--offset', 0.0, 'offset in value = gain * raw + offset, in the unit of the value'),
     )
     group.add_argument('--unit', default='', help='unit of the value')
-    group.add_argument(
-        '--begin', metavar='S', type=float, default=0.0, help='since the first sample [s]'
-    )
-    group.add_argument(
-        '--end', metavar='S', type=float, default=math.inf, help='since the first sample [s]'
-    )
+    add_window(group, 'sample')
 
 
 def add_verdict_options(parser: argparse.ArgumentParser) -> None:
@@ -118,7 +161,7 @@ def channel_of(args: argparse.Namespace) -> Channel:
     ]
     if args.gain == 0.0:
         findings.append('--gain must not be 0, got 0')
-    findings += times_findings(args)
+    findings += times_findings(args.rate)
     begin, end = getattr(args, 'begin', 0.0), getattr(args, 'end', math.inf)
     if not begin < end:
         findings.append(f'--begin must be before --end, got {begin} and {end} s')
@@ -149,13 +192,11 @@ def add_robot_options(parser: argparse.ArgumentParser, robot: bool = True) -> No
             default='',
             help='robot for the damping coefficients; default: the one in the bag',
         )
-    group.add_argument(
-        '--at',
-        metavar='JOINT=VALUE',
-        action='append',
-        default=[],
-        help=(
-            "position of a joint [rad, m]; default: the bag's /joint_states, else 0; repeatable"
+    add_repeated(
+        group,
+        (
+            '--at JOINT=VALUE',
+            "position of a joint [rad, m]; default: the bag's /joint_states, else 0; repeatable",
         ),
     )
     group.add_argument(
@@ -165,19 +206,6 @@ def add_robot_options(parser: argparse.ArgumentParser, robot: bool = True) -> No
         help='whether the joints were held during the decay; default: held',
     )
     add_gravity(group)
-
-
-def load_named_robot(path: str, gravity: Sequence[float]) -> Robot:
-    """Return the robot of a file; one that is not here is looked for among the installed."""
-    return load_robot(given_file(path, 'robot'), gravity=tuple(gravity))
-
-
-def attached_robot(path: Path, gravity: Sequence[float]) -> Robot | None:
-    """Return the robot attached to a bag, None without one."""
-    text = '' if is_table(path) else read_description(path)
-    if not text:
-        return None
-    return load_robot(text, gravity=tuple(gravity))
 
 
 def joint_values(settings: Sequence[str]) -> dict[str, float]:

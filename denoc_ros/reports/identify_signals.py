@@ -1,4 +1,4 @@
-"""The page of `denoc identify modal`: the decay, its fit, and its reliability."""
+"""Pages and texts of `denoc identify modal`, `forced` and `joint`: the signal and its fit."""
 
 from __future__ import annotations
 
@@ -14,7 +14,11 @@ from denoc_ros.identification.analysis import (
     own_decay,
     residual_spectrum,
 )
+from denoc_ros.identification.forced import ForcedModes
+from denoc_ros.identification.joint import FrictionModel, JointFit
+from denoc_ros.identification.records import Record
 from denoc_ros.identification.spectra import SpectralDecay, waterfall
+from denoc_ros.identification.swing import swing_angles
 from denoc_ros.reports.figures import (
     DIFFERENCE_COLOUR,
     PHASE_COLOURS,
@@ -24,8 +28,16 @@ from denoc_ros.reports.figures import (
     Panel,
     line_figure,
 )
-from denoc_ros.reports.identify_result import mode_cards, modes_found, result_page
-from denoc_ros.reports.pages import PageSection, PageTable, ReportPage, engineering
+from denoc_ros.reports.identify_result import (
+    fit_figure,
+    interval_text,
+    mode_cards,
+    mode_notes,
+    modes_found,
+    result_page,
+    result_text,
+)
+from denoc_ros.reports.pages import Card, PageSection, PageTable, ReportPage, engineering
 from denoc_ros.reports.text_table import cell_text
 from denoc_ros.types import Array
 
@@ -63,29 +75,58 @@ def decay_page(document: Mapping[str, Any], analysis: DecayAnalysis, command: st
     )
 
 
+def decay_text(document: Mapping[str, Any]) -> str:
+    """Return the lines of a result of modes for a terminal."""
+    source, window, quality = document['source'], document['window'], document['quality']
+    signal = ' '.join(filter(None, (source['topic'], source['field'], source['quantity'])))
+    head = [
+        f'{source["file"]}: {signal}',
+        f'  {window["begin_s"]:.4g} … {window["end_s"]:.4g} s ({window["by"]}), '
+        f'{quality["samples"]} samples at {quality["rate"]:.4g} Hz',
+    ]
+    rows = [
+        {
+            'f [Hz]': mode['frequency_hz'],
+            'zeta': mode['damping_ratio'],
+            '95 %': interval_text(mode['interval']).removeprefix('95 %: '),
+            'bound': f'{100.0 * mode["bound"]:.2g} %' if mode['bound'] is not None else '-',
+            'SNR [dB]': mode['snr_db'],
+            'verdict': mode['verdict'],
+        }
+        for mode in document['modes']
+    ]
+    notes = []
+    for mode in document['modes']:
+        name = f'{mode["frequency_hz"]:.4g} Hz'
+        notes += [f'{name}: {reason}' for reason in mode['reasons']]
+        notes += [f'{name}, {check["method"]}: {_check_text(check)}' for check in mode['checks']]
+        if one := mode.get('coefficient'):
+            notes.append(
+                f'{name}: {one["value"]:.4g} {one["unit"]} of {one["of"]} ({one["scaling"]}), '
+                f'{one["path"]} {one["damping_ratio_at_fixed_root"]:.4g}'
+            )
+    notes += [
+        f'no mode: {line["frequency"]:.4g} Hz, {line["origin"]}' for line in document['lines']
+    ]
+    notes += document['remarks']
+    if note := document.get('model', {}).get('left_out'):
+        notes.append(f'coefficients left out: {note}')
+    return result_text(document, head, rows, notes)
+
+
+def _check_text(check: Mapping[str, Any]) -> str:
+    found = [] if check['damping_ratio'] is None else [f'zeta {check["damping_ratio"]:.4g}']
+    return ', '.join([*found, *filter(None, [check['reason']])])
+
+
 def _decay(analysis: DecayAnalysis) -> PageSection:
     record, modes = analysis.record, analysis.modes
-    fitted = modes.prediction(record.t)
-    panels = [
-        Panel(
-            record.name,
-            record.unit,
-            [
-                Curve('measured', TRUTH_COLOUR, record.t, record.y),
-                Curve('fitted', PHASE_COLOURS[0], record.t, fitted, True),
-            ],
-        ),
-        Panel(
-            'measured minus fitted',
-            record.unit,
-            [Curve('difference', DIFFERENCE_COLOUR, record.t, record.y - fitted)],
-        ),
-    ]
+    figure = fit_figure(record.t, record.y, modes.prediction(record.t), record.name, record.unit)
     return PageSection(
         'Measured and fitted',
         f'Damped cosines, an offset and a drift. The residual has a standard deviation of '
         f'{engineering(modes.noise, record.unit)}.',
-        [line_figure(panels, RESULT_HEIGHT)],
+        [figure],
     )
 
 
@@ -281,4 +322,176 @@ def _methods(document: Mapping[str, Any]) -> PageSection | None:
         'Methods',
         'Results of other methods for the same decay, and why they differ or do not apply.',
         tables=[PageTable(['mode', 'method', 'ζ', 'remark'], rows)],
+    )
+
+
+def forced_page(
+    document: Mapping[str, Any], record: Record, found: ForcedModes, command: str
+) -> ReportPage:
+    """Return the page of modes from inputs and response; arguments as of `decay_page`."""
+    explained = f'{100.0 * document["explained"]:.1f} % of the response explained'
+    return result_page(
+        document,
+        f'Forced response of {record.name}',
+        f'{modes_found(document)}; {explained}',
+        mode_cards(document),
+        [_response(found)],
+        command,
+    )
+
+
+def forced_text(document: Mapping[str, Any]) -> str:
+    """Return the lines of a result of modes from inputs and response for a terminal."""
+    source = document['source']
+    head = (
+        f'{source["file"]}: {source["field"]} from {source["force"]}, '
+        f'{100.0 * document["explained"]:.1f} % explained'
+    )
+    rows = [
+        {
+            'f [Hz]': mode['frequency_hz'],
+            'zeta': mode['damping_ratio'],
+            '95 %': mode['interval'],
+            'strength': mode['strength'],
+            'verdict': mode['verdict'],
+        }
+        for mode in document['modes']
+    ]
+    return result_text(document, [head], rows, [*mode_notes(document), *document['remarks']])
+
+
+def _response(found: ForcedModes) -> PageSection:
+    inputs = found.measured.shape[1]
+    panels = [
+        Panel(
+            title + (f', input {k + 1}' if inputs > 1 else ''),
+            unit,
+            [
+                Curve('measured', TRUTH_COLOUR, found.line, of(found.measured[:, k]), marker='.'),
+                Curve('fitted', PHASE_COLOURS[0], found.line, of(found.fitted[:, k])),
+            ],
+            x_label='frequency [Hz]',
+            log_y=log,
+        )
+        for k in range(inputs)
+        for title, unit, of, log in (
+            ('response over input, magnitude', '', np.abs, True),
+            ('phase', 'rad', np.angle, False),
+        )
+    ]
+    return PageSection(
+        'Frequency response',
+        'Ratio of the transforms at the lines that the input excites, and the fitted modes.',
+        [line_figure(panels, RESULT_HEIGHT)],
+    )
+
+
+def joint_page(
+    document: Mapping[str, Any], record: Record, fit: JointFit, command: str
+) -> ReportPage:
+    """Return the page of one joint's friction.
+
+    Parameters
+    ----------
+    document : mapping
+        The result, as in result.yaml.
+    record : Record
+        The swing.
+    fit : JointFit
+        What was found.
+    command : str
+        The command line.
+    """
+    return result_page(
+        document,
+        f'Friction of {record.name}',
+        f'{" and ".join(document["terms"]).capitalize()} friction explain the swing to '
+        f'{engineering(fit.residual, "rad")} rms',
+        _friction_cards(document),
+        [_swing(record, fit), _models(record, fit), _decrement(document)],
+        command,
+    )
+
+
+def joint_text(document: Mapping[str, Any]) -> str:
+    """Return the lines of a joint's friction for a terminal."""
+    source = document['source']
+    head = [
+        f'{source["file"]}: {source["topic"]} {source["field"]}'.replace('  ', ' '),
+        f'  small swings without friction: {document["frequency_hz"]:.4g} Hz',
+    ]
+    rows = [
+        {'term': name, 'value': one['value'], '95 %': one['interval'], 'unit': one['unit']}
+        for name, one in document['terms'].items()
+    ]
+    notes = [
+        f'{" + ".join(model["terms"])}: residual {model["residual"]:.4g}, '
+        f'{model["rejected"] or "chosen"}'
+        for model in document['models']
+    ]
+    for one in document['decrement']:
+        said = one['reason'] or f'zeta {one["damping_ratio"]:.4g} at {one["frequency_hz"]:.4g} Hz'
+        if one['coefficient'] is not None:
+            said += f', coefficient {one["coefficient"]:.4g} {one["unit"]}'
+        notes.append(f'log decrement ({one["convention"]}): {said}')
+    return result_text(document, head, rows, [*notes, *document['reasons']])
+
+
+def _friction_cards(document: Mapping[str, Any]) -> list[Card]:
+    cards = [Card('Small swings', f'{document["frequency_hz"]:.4g} Hz', 'without friction')]
+    for name, one in document['terms'].items():
+        note = interval_text(one['interval'])
+        cards.append(Card(f'{name} friction', f'{one["value"]:.4g} {one["unit"]}', note))
+    return cards
+
+
+def _swing(record: Record, fit: JointFit) -> PageSection:
+    fitted = fit.prediction(record.t)
+    return PageSection(
+        'Measured and simulated',
+        'The equation of motion with the fitted friction. The residual is '
+        f'{engineering(fit.residual, "rad")} rms while the joint moves.',
+        [fit_figure(record.t, record.y, fitted, 'angle', 'rad', 'simulated')],
+    )
+
+
+def _models(record: Record, fit: JointFit) -> PageSection:
+    def angles(model: FrictionModel) -> Curve:
+        shown = swing_angles(model.swing, record.t - fit.start, fit.large)
+        colour = PHASE_COLOURS[fit.models.index(model) % len(PHASE_COLOURS)]
+        difference = np.asarray(record.y - shown)
+        return Curve(' + '.join(model.terms), colour, record.t, difference)
+
+    panel = Panel('measured minus simulated', 'rad', [angles(model) for model in fit.models])
+    rows = [
+        [' + '.join(model.terms), engineering(model.residual, 'rad'), model.rejected or 'chosen']
+        for model in fit.models
+    ]
+    return PageSection(
+        'Which terms matter',
+        'Each set of terms fitted to the same swing.',
+        [line_figure([panel], RESULT_HEIGHT)],
+        [PageTable(['terms', 'residual, rms', ''], rows)],
+    )
+
+
+def _decrement(document: Mapping[str, Any]) -> PageSection:
+    rows = [
+        [
+            one['convention'],
+            cell_text(one['damping_ratio']),
+            cell_text(one['frequency_hz']),
+            cell_text(one['critical']),
+            cell_text(one['coefficient']),
+            one['unit'],
+            one['reason'],
+        ]
+        for one in document['decrement']
+    ]
+    head = ['convention', 'ζ', 'f [Hz]', 'critical', 'coefficient', 'unit', '']
+    return PageSection(
+        'Logarithmic decrement',
+        'Exact: ζ = δ/√(4π² + δ²) and a critical damping of 2Iω. Book: ζ = δ/2π and 4πρaη, whose '
+        'unit is not that of a torque. Both assume viscous friction and small angles.',
+        tables=[PageTable(head, rows)],
     )

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
-from denoc_ros.cli.setpoints import rounded_setpoints, smoothed
+from denoc_ros.estimation.setpoints import rounded_setpoints, smoothed
 
 T = np.arange(0.0, 1.0005, 1e-3)
 Q = 0.4 * (1.0 - np.cos(np.pi * T))
