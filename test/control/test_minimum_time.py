@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-import toppra
 from control_runs import ROBOTS, cycloid
-from scipy.interpolate import CubicSpline
-from toppra import algorithm, constraint
+from timed_paths import rigid_arm
 
 import denoc_ros as dn
 from denoc_ros.control.limit_rows import LimitRows, Moments, motion_limits
@@ -16,7 +14,6 @@ from denoc_ros.control.timing import Timing, TimingBasis
 TIMES = np.linspace(0.0, 10.0, 201)
 CANADARM = cycloid(np.radians([10.0, 40.0, 30.0]), np.radians([60.0, 45.0, 30.0]), 10.0)
 EFFORT = {'joint_1': 1500.0, 'joint_2': 700.0, 'joint_3': 180.0}
-SHARES = np.array([0.4, 0.5, 0.5, 0.1, 0.1, 0.1])  # of the UR10's efforts
 
 
 @pytest.fixture(scope='module')
@@ -29,30 +26,19 @@ def plan(canadarm: dn.Robot) -> dn.Plan:
     return dn.shape_motion(canadarm, TIMES, CANADARM(TIMES), effort=EFFORT, time='minimum')
 
 
-def test_a_rigid_robot_takes_the_time_of_toppra() -> None:
-    robot = dn.load_robot(ROBOTS / 'ur10.urdf')
-    joints = [body.joint for body in robot.tree.bodies if body.joint is not None]
-    effort = SHARES * [joint.limits.effort for joint in joints]
-    velocity = np.array([joint.limits.velocity for joint in joints])
-    way = np.random.default_rng(2).uniform(-1.0, 1.0, (5, 6))
-    share = cycloid(np.zeros(1), np.ones(1), 10.0)(TIMES)[:, 0]
-    path = CubicSpline(np.linspace(0.0, 1.0, 5), way)
-    plan = dn.shape_motion(robot, TIMES, path(share), effort=effort, time='minimum')
-    limits = [
-        constraint.JointVelocityConstraint(np.stack([-velocity, velocity], 1)),
-        constraint.JointTorqueConstraint(
-            robot.inverse_dynamics,
-            np.stack([-effort, effort], 1),
-            np.zeros(6),
-            discretization_scheme=constraint.DiscretizationType.Interpolation,
-        ),
-    ]
-    theirs = algorithm.TOPPRA(
-        limits, toppra.SplineInterpolator(np.linspace(0.0, 1.0, 5), way), np.linspace(0, 1, 301)
-    ).compute_trajectory(0, 0)
-    assert plan.t[-1] == pytest.approx(theirs.duration, rel=0.01)
-    assert (np.abs(plan.torque) <= 1.001 * effort).all()
-    assert (np.abs(plan.qd) <= 1.001 * velocity).all()
+@pytest.mark.parametrize(('name', 'seed'), [('ur10', 2), ('panda', 0)])
+def test_a_rigid_robot_takes_the_time_of_toppra(name: str, seed: int) -> None:
+    arm = rigid_arm(name)
+    plan = arm.fastest(seed)
+    assert plan.t[-1] == pytest.approx(arm.toppra_duration(seed), rel=0.01)
+    assert arm.largest_share(plan) <= 1.001
+
+
+def test_friction_makes_a_rigid_robot_no_slower_than_toppra() -> None:
+    arm = rigid_arm('ur10', friction=True)
+    plan = arm.fastest(1)
+    assert plan.t[-1] <= arm.toppra_duration(1)
+    assert arm.largest_share(plan) <= 1.001
 
 
 def test_a_flexible_arm_is_a_fifth_faster_than_stretched_as_a_whole(
