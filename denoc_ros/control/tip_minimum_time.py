@@ -36,12 +36,15 @@ CELLS = 200  # of a rigid robot's path
 MOMENTS = 4  # of each cell: its ends, and between
 KNOTS = 800  # of its spline
 FINE = 4000  # moments at which the length of its way is summed up
+STANDS = 1e-9  # rad, m: a motion that is none
 NEWTON = 3  # steps to the moments of its knots
 LITTLE_TURN = 1e-3  # rad: of a path that is straight
 EDGE = 0.05  # of the first and last cell: where they are looked at beside rest
 # limits that bound the pace, and those that need rows in even steps of time
 PACED = {'velocity', 'acceleration', 'jerk', 'effort', 'effort_rate', 'strain', 'moment', *TIPS}
 IN_TIME = {'jerk', 'effort_rate', 'tip_speed', 'tip_acceleration'}
+EXACT = 1e-6  # of the tip's distance: errors that are as small as may be
+STRAYED = 5.0  # times those of the motion before: steps from it went astray
 SHORTEST = 0.7  # of the window before and after, which shrinks with the motion
 
 
@@ -80,19 +83,25 @@ class TipMinimumTime:
     def solve(self, coefficients: Array, near: tuple[TimedTip, Array] | None) -> TimedTip:
         """Return the motion with coefficients (p,)."""
         timing = Timing(self._basis, coefficients)
+        require_in_time(timing, self._asked, self._grids.options)
         asked = RetimedMotion(self._asked, timing)
         if near is None:
-            grid = self._grids.solve(asked, NODES, 0)
+            grid = self._anew(asked)
             require_rest(self.names, self._rows.values(at_rest(grid), 1.0))
             self._window = -float(grid.nodes[0]), float(grid.nodes[-1]) - timing.duration
         else:
             grid = self._from(near, timing, asked)
+            if grid.tip_error > STRAYED * max(near[0].grid.tip_error, EXACT):
+                grid = self._anew(asked)  # from afar steps may end where a tip is let go
         q = grid.solved.q
         qd, qdd = differences(q, grid.step)
         torque = grid.problem.torque(q, qd, qdd, grid.solved.multipliers)
         at = Moments(q, qd, qdd, torque)
         shares = self._rows.values(at, grid.step)
         return TimedTip(timing, asked, grid, at, shares * self._narrowed(timing, grid.nodes))
+
+    def _anew(self, asked: RetimedMotion) -> TipGrid:
+        return self._grids.solve(asked, NODES, 0)
 
     def _narrowed(self, timing: Timing, times: Array) -> Array:
         return self._rows.narrowed(timing.stations_at(times) / self._basis.stations[-1])
@@ -188,6 +197,15 @@ def require_rest(names: Sequence[str], shares: Array) -> None:
         )
 
 
+def require_in_time(timing: Timing, asked: AskedMotion, options: TipOptions) -> None:
+    """Refuse timings that are slower than a motion may be made."""
+    stretch, longest = options.stretch, options.stretch * asked.duration
+    if timing.duration > longest * (1.0 + WITHIN):
+        raise SolverError(
+            f'a slower motion takes more than the {longest:.4g} s that stretch {stretch:g} allows'
+        )
+
+
 def timing_of(old: TimedTip, timing: Timing) -> Array:
     """Return when a timing passes what the nodes of a motion with another one pass (k,)."""
     nodes = old.grid.nodes
@@ -226,8 +244,6 @@ class RigidMinimumTime:
         speed = make_interp_spline(even, np.linalg.norm(asked.joint_spline(even, 1), axis=1), k=3)
         way = speed.antiderivative()
         length = float(way(asked.duration))
-        if not length > 0.0:
-            raise StateError('shape_motion: q_joints must move for minimum time, got one posture')
         self._asked_at = np.linspace(0.0, length, KNOTS + 1)
         self._moment = np.interp(self._asked_at, way(even), even)
         for _ in range(NEWTON):
@@ -262,6 +278,7 @@ class RigidMinimumTime:
     def solve(self, coefficients: Array, near: tuple[TimedPath, Array] | None) -> TimedPath:
         """Return the motion with coefficients (p,)."""
         timing = Timing(self._basis, coefficients)
+        require_in_time(timing, self._asked, self._grids.options)
         at = self._moments(timing)
         return TimedPath(timing, self._rows.values(at, 1.0) * self._narrowed(), at)
 
@@ -367,6 +384,9 @@ def fastest(grids: TipGrids, asked: AskedMotion, rows: LimitRows) -> Plan:
             'strain or such, got none'
         )
     own = TipGrids(robot, grids.frames, grids.driven, replace(options, progress=None, cancel=None))
+    some: Array = asked.coordinates(np.linspace(0.0, asked.duration, FEWEST + 1))
+    if not float(np.ptp(some, axis=0).max()) > STANDS:
+        raise StateError('shape_motion: q_joints must move for minimum time, got one posture')
     kinds = {name.split()[0] for name in rows.names}
     if robot.n == len(grids.driven) and not kinds & IN_TIME:
         rigid = RigidMinimumTime(own, asked, rows)
