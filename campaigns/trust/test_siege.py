@@ -239,6 +239,18 @@ def test_a_pause_is_excused_by_the_systems_absence_only() -> None:
     assert not unexplained(pause, 0.004, 0.006)
 
 
+def test_in_simulated_time_each_period_has_its_torque_and_the_clock_may_stand_between() -> None:
+    held, still = ledger(), np.zeros(2)
+    held.lull, held.clock_set = 0.01, [Span(50_000_000, 82_000_000)]
+    for number, moment in enumerate([0, 2, 4, 8, 900, 10, 12], start=1):  # ms; set ahead, back
+        held.take(12_000_000 * number, number, still, 1_000_000 * moment)
+    (law,) = held.told()
+    assert 'each period of simulated time must have its torque, got 2' in law
+    assert not held.pauses
+    held.take(12_000_000 * 9, 8, still, 14_000_000)
+    assert [pause.seconds for pause in held.pauses] == pytest.approx([0.024])
+
+
 def life(memory: Callable[[float], float], files: Callable[[float], int]) -> Life:
     told = Life('plant', 1)
     for second in range(600):
