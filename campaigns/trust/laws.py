@@ -108,13 +108,16 @@ class TorqueLedger:
             self.pauses.append(span)
         if number == before[1] + 1:
             self._compare(span, effort - before[2])
-            self._count_periods(span, tick_ns - before[3])
+            self._count_periods(span, before[3], tick_ns)
 
-    def _count_periods(self, span: Span, gone: int) -> None:
+    def _count_periods(self, span: Span, before: int, now: int) -> None:
         """Hold simulated time [ns] from one message to the next to one period."""
-        periods = round(1e-9 * gone * self.rate)
+        periods = round(1e-9 * (now - before) * self.rate)
         if periods > 1 and not any(span.meets(each) for each in [*self.anew, *self.clock_set]):
-            self._break(f'each period of simulated time must have its torque, got {periods}')
+            self._break(
+                f'each period of simulated time must have its torque, got {periods} from '
+                f'{before} to {now} ns, sent at {span.begin} and {span.end}'
+            )
 
     def _compare(self, span: Span, change: NDArray[np.float64]) -> None:
         largest = float(np.abs(change).max())
