@@ -21,7 +21,7 @@ from denoc_ros.studies.dh import rod_inertia, urdf_text
 from denoc_ros.studies.dh_system import DHLink, DHSystem, load_system, read_system
 from denoc_ros.types import Array
 
-CONFIG = Path(__file__).resolve().parents[3] / 'config'
+CONFIG = Path(__file__).resolve().parents[2] / 'config'
 # Committed robot, table, kinds.
 ROBOTS = [
     ('single_link', 'single_link', None),
@@ -64,6 +64,14 @@ def test_committed_robots_are_what_the_command_makes(
     committed = CONFIG / 'robots' / f'{robot}.urdf'
     assert made.read_text() == committed.read_text()
     assert load_tree(committed).warnings == ()
+
+
+def test_a_table_that_is_not_here_is_that_of_the_installed_package(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert run_command('dh/puma.yaml', '-o', 'made.urdf') == 0
+    assert Path('made.urdf').read_text() == (CONFIG / 'robots' / 'puma.urdf').read_text()
 
 
 def joint_transform(joint: Joint | None, q: float) -> Array:
