@@ -185,7 +185,10 @@ def write_reference(folder: Path) -> None:
     names = denoc_ros.__all__
     lines = titled('Python') + [
         'The public names of ``import denoc_ros as dn``. The pages of the packages have all that '
-        'is under them.',
+        'is under them. Left out on purpose, as nobody calls them: the compiled kernels, the '
+        'nodes and their runtime, whose topics, services and parameters are in '
+        ':doc:`../docs/nodes`, and the code of the commands, whose options are in '
+        ':doc:`commands`.',
         '',
         '.. autosummary::',
         '   :nosignatures:',
