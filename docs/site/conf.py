@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
-if not (HERE.parent / 'site').samefile(HERE) or not (HERE.parents[1] / 'package.xml').is_file():
+if HERE.name != 'site' or not (HERE.parents[1] / 'package.xml').is_file():
     copied_from = re.search(r'exec\(open\("(.+?)"\)', Path(__file__).read_text(encoding='utf-8'))
     assert copied_from is not None, f'{__file__}: a conf.py of rosdoc2 must name its original'
     HERE = Path(copied_from[1]).parent
