@@ -8,6 +8,7 @@ import os
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -322,6 +323,16 @@ def test_what_explains_a_pause_is_kept_until_it_is_judged(
     told.settle()
     assert not told._bare
     assert not told._excused
+
+
+def test_torque_that_catches_up_with_a_clock_that_was_set_does_not_follow_yet(
+    tmp_path: Path,
+) -> None:
+    told, second = witness(tmp_path), 1_000_000_000
+    told._goal, told._position, told._at = (0.0, 0.0), np.zeros(2), time.perf_counter()
+    told._is_simulated, told._tick_ns = True, 4 * second
+    assert told.following(4 * second)
+    assert not told.following(1064 * second)
 
 
 # ---- mending

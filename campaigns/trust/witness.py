@@ -65,6 +65,7 @@ class Witness:
         self._measured = {'bare': 0, 'meter': 0}  # ns up to which each has spoken
         self._position = np.empty(0)
         self._at = 0.0
+        self._tick_ns = 0
         self._lock = threading.Lock()
         # no executor serves it: what is taken by hand has the time it left and its number
         self.node = Node('witness', use_global_arguments=False)
@@ -82,17 +83,23 @@ class Witness:
             for message, sent_ns, number in taken(self._effort):
                 self._at = time.perf_counter()
                 self._position = np.array(message.position)
-                tick_ns = stamp_of(message) if self._is_simulated else 0
-                self.efforts.take(sent_ns, number, np.array(message.effort), tick_ns)
+                self._tick_ns = stamp_of(message) if self._is_simulated else 0
+                self.efforts.take(sent_ns, number, np.array(message.effort), self._tick_ns)
             for message, sent_ns, number in taken(self._command):
                 self._relay(message)
                 self.commands.take(sent_ns, number, np.array(message.data))
 
-    def following(self) -> bool:
-        """Say whether the newest torque is fresh and along the reference."""
+    def following(self, now_ns: int) -> bool:
+        """Say whether the newest torque is fresh and along the reference.
+
+        In simulated time it is for now [ns] as well: a clock that was set may take seconds to be
+        caught up with.
+        """
         position = self._position
+        is_for_now = not self._is_simulated or abs(self._tick_ns - now_ns) < 1e9 * FRESH
         return (
-            time.perf_counter() - self._at < FRESH
+            is_for_now
+            and time.perf_counter() - self._at < FRESH
             and position.shape == (len(self._goal),)
             and bool(np.abs(position - self._goal).max() < NEAR)
         )

@@ -16,7 +16,7 @@ if HERE.name != 'site' or not (HERE.parents[1] / 'package.xml').is_file():
 sys.path[:0] = [str(HERE), str(HERE.parents[1])]
 
 # what docs.ros.org has no package of: autodoc stands in for it, and no example runs there
-NEEDED = ('numba', 'llvmlite', 'yourdfpy', 'mcap', 'zstandard', 'rosbags', 'trimesh')
+NEEDED = ('numba', 'llvmlite', 'yourdfpy', 'mcap', 'zstandard', 'rosbags', 'trimesh', 'clarabel')
 NEEDED += ('viser', 'imageio_ffmpeg', 'distributed', 'pyarrow', 'control', 'openpyxl', 'mujoco')
 autodoc_mock_imports = [name for name in NEEDED if importlib.util.find_spec(name) is None]
 # kernels are made by numba as they are imported
