@@ -8,10 +8,10 @@ import os
 import subprocess
 import sys
 import threading
-import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from time import perf_counter
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -329,7 +329,7 @@ def test_torque_that_catches_up_with_a_clock_that_was_set_does_not_follow_yet(
     tmp_path: Path,
 ) -> None:
     told, second = witness(tmp_path), 1_000_000_000
-    told._goal, told._position, told._at = (0.0, 0.0), np.zeros(2), time.perf_counter()
+    told._goal, told._position, told._at = (0.0, 0.0), np.zeros(2), perf_counter()
     told._is_simulated, told._tick_ns = True, 4 * second
     assert told.following(4 * second)
     assert not told.following(1064 * second)
