@@ -17,6 +17,7 @@ sys.path[:0] = [str(HERE), str(HERE.parents[1])]
 
 # what docs.ros.org has no package of: autodoc stands in for it, and no example runs there
 NEEDED = ('numba', 'llvmlite', 'yourdfpy', 'mcap', 'zstandard', 'rosbags', 'trimesh', 'clarabel')
+NEEDED += ('lz4', 'ruamel', 'rich', 'websockets', 'skfem', 'pytetwild', 'pymetis', 'meshio')
 NEEDED += ('viser', 'imageio_ffmpeg', 'distributed', 'pyarrow', 'control', 'openpyxl', 'mujoco')
 autodoc_mock_imports = [name for name in NEEDED if importlib.util.find_spec(name) is None]
 # kernels are made by numba as they are imported
