@@ -101,9 +101,10 @@ peers: $(STAMP)
 	$(PIP) 'mujoco[sysid]' figaroh
 	PYTHONPATH=campaigns:test:test/support $(BIN)/python -m bench.identify_peers
 
-# two minutes: the flexible five-bar beside Exudyn's finite elements; the circle of section 5.5
+# four minutes: the five-bar, meshed and tapered links beside Exudyn; the circle of section 5.5
 mechanisms: $(STAMP)
 	PYTHONPATH=campaigns:test:test/support $(BIN)/python -m bench.exudyn_five_bar
+	PYTHONPATH=campaigns:test:test/support $(BIN)/python -m bench.exudyn_links
 	PYTHONPATH=campaigns:test:test/support $(BIN)/python -m bench.platform_circle docs/platform_circle.png
 
 # half an hour: tip-exact plans by their torque alone and with joints on the plan, in MuJoCo

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from denoc_ros.identification.fit import identify_modes as identify_modes
     from denoc_ros.identification.model.excitation import design_excitation as design_excitation
     from denoc_ros.identification.model.fit import identify_model as identify_model
-    from denoc_ros.identification.model.recording import Recording as Recording
+    from denoc_ros.identification.model.sources import Recording as Recording
     from denoc_ros.model.suggest.suggestion import suggest_flexibility as suggest_flexibility
     from denoc_ros.replay.bag import replay_bag as replay_bag
     from denoc_ros.reports.run import report as report
@@ -44,7 +44,7 @@ _HOME = {
     'identify_modes': 'identification.fit',
     'design_excitation': 'identification.model.excitation',
     'identify_model': 'identification.model.fit',
-    'Recording': 'identification.model.recording',
+    'Recording': 'identification.model.sources',
     'ParameterTracker': 'estimation.parameter_tracker',
     'TrackerSettings': 'estimation.tracker_settings',
     'suggest_flexibility': 'model.suggest.suggestion',

@@ -43,7 +43,7 @@ from trust.witness import DEEP, Witness
 
 from denoc_ros.cli.node_parameters import write_parameters
 from denoc_ros.kernels.cache import cache_folder
-from denoc_ros.nodes.session_client import time_message
+from denoc_ros.nodes.messages import time_message
 from denoc_ros.runtime.realtime import make_thread_timely
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)

@@ -11,8 +11,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from denoc_ros.bags.definitions import message_definition
-from denoc_ros.bags.loss import Loss
 from denoc_ros.bags.metadata import FileContents, Qos
+from denoc_ros.bags.storage import Loss
 from denoc_ros.bags.writer import BagWriter
 from denoc_ros.errors import BagError
 

@@ -14,9 +14,8 @@ from pathlib import Path
 from mcap.records import Attachment, Channel, Message, Metadata, Schema
 from mcap.writer import Writer
 
-from denoc_ros.bags.ending import MAGIC
 from denoc_ros.bags.metadata import FileContents, Topic, metadata_text, write_metadata
-from denoc_ros.bags.storage import CompleteRecords, DiskFile, library_name
+from denoc_ros.bags.storage import MAGIC, CompleteRecords, DiskFile, library_name
 from denoc_ros.errors import BagError
 
 Progress = Callable[[int], None]

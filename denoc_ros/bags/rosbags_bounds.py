@@ -14,7 +14,7 @@ from rosbags.rosbag2 import metadata, reader, storage_mcap
 from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
-from denoc_ros.bags.decompression import decompressed, decompressed_message
+from denoc_ros.bags.storage import decompressed, decompressed_message
 from denoc_ros.yaml_text import YamlError, load_yaml
 
 __all__ = ['AnyReader']

@@ -1,57 +1,321 @@
-"""Arrays out of bags: joint states, multi-arrays and diagnostics over time."""
+"""Numbers of a bag over time: joint states and other messages as arrays."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import operator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 
-from denoc_ros.bags.columns import JointStateColumns
-from denoc_ros.bags.joint_series import JointSeries as JointSeries
-from denoc_ros.bags.joint_series import elapsed as elapsed
-from denoc_ros.bags.joint_state import FIELDS, JOINT_STATE
-from denoc_ros.bags.reader import BagMessage, Stamp, read_bag, read_raw, require_stamp
+from denoc_ros.bags.cdr import CdrError, CdrReader
+from denoc_ros.bags.joint_state import FIELDS, JOINT_STATE, JointStateLayout
+from denoc_ros.bags.reader import Stamp, bag_topics, read_bag, read_raw, require_stamp
 from denoc_ros.errors import BagError
-from denoc_ros.types import Array, Stamps
+from denoc_ros.types import Array, Flags, Stamps
+
+_Part = TypeVar('_Part', bound='_Rows')
+
+ARRAY_TYPES = ('std_msgs/msg/Float64MultiArray', 'std_msgs/msg/Float64')
+READING_TYPES = (
+    'std_msgs/msg/Float64',
+    'std_msgs/msg/Float64MultiArray',
+    'sensor_msgs/msg/JointState',
+    'geometry_msgs/msg/WrenchStamped',
+)
+ODOMETRY = 'nav_msgs/msg/Odometry'
+
+
+def _axes(part: str, axes: str = 'xyz') -> tuple[str, ...]:
+    return tuple(f'{part}.{axis}' for axis in axes)
+
+
+# Numbers in messages, as dotted paths by message type.
+INERTIAL_NUMBERS = {
+    'sensor_msgs/msg/Imu': (*_axes('angular_velocity'), *_axes('linear_acceleration')),
+    'geometry_msgs/msg/AccelStamped': _axes('accel.linear'),
+}
+POSE_NUMBERS = {
+    'geometry_msgs/msg/PoseStamped': (
+        *_axes('pose.position'),
+        *_axes('pose.orientation', 'xyzw'),
+    )
+}
+ODOMETRY_NUMBERS = {  # the twist is in the axes of the child frame
+    ODOMETRY: (
+        *_axes('pose.pose.position'),
+        *_axes('pose.pose.orientation', 'xyzw'),
+        *_axes('twist.twist.linear'),
+        *_axes('twist.twist.angular'),
+    )
+}
 
 
 @dataclass(frozen=True)
-class ArraySeries:
-    """Float64MultiArray over time.
+class _Rows:
+    """Rows over time."""
+
+    t: Array
+    names: tuple[str, ...]
+    ROWS: ClassVar[tuple[str, ...]] = ('t',)
+
+    def __getitem__(self: _Part, rows: slice | Flags | Stamps) -> _Part:
+        """Return some rows, by a slice, a mask or their numbers."""
+        return replace(self, **{name: getattr(self, name)[rows] for name in self.ROWS})
+
+    def between(self: _Part, start: float, end: float) -> _Part:
+        """Return the rows with start <= t <= end."""
+        within: Flags = (self.t >= start) & (self.t <= end)
+        return self[within]
+
+
+@dataclass(frozen=True)
+class Series(_Rows):
+    """Named values over time.
 
     Attributes
     ----------
-    stamp_ns : (k,) int array
-        Times [ns].
-    labels : tuple of str
-        Names of the m columns, from the label of the first dimension, comma-separated; empty
-        when it names another number of columns.
-    values : (k, m) array
+    t : (k,) array
+        Times [s].
+    names : tuple of str
+        Of the columns.
+    values : (k, n) array
+        SI units.
     """
 
-    stamp_ns: Stamps
-    labels: tuple[str, ...]
     values: Array
+    ROWS = ('t', 'values')
 
-    @property
-    def t(self) -> Array:
-        """Times since the first message [s], (k,)."""
-        return elapsed(self.stamp_ns)
+    def column(self, name: str) -> Array:
+        """Return one column, (k,)."""
+        column: Array = self.values[:, self.names.index(name)]
+        return column
+
+    def select(self, names: Sequence[str]) -> Series:
+        """Return the columns of these names, in this order; NaN where there is none."""
+        chosen = np.ascontiguousarray(_columns(self.names, self.values, names))
+        return Series(self.t, tuple(names), chosen)
+
+    def at(self, t: Array) -> Array:
+        """Return the values interpolated linearly, (m, n), at times (m,); NaN outside."""
+        if not len(self.t):
+            return np.full((len(t), len(self.names)), np.nan)
+        order = np.argsort(self.t, kind='stable')
+        known, columns = self.t[order], self.values[order].T
+        if not len(columns):
+            return np.zeros((len(t), 0))
+        return np.column_stack(
+            [np.interp(t, known, column, left=np.nan, right=np.nan) for column in columns]
+        )
 
 
 @dataclass(frozen=True)
-class Diagnostic:
-    """One status of a DiagnosticArray: level 0 ok, 1 warning, 2 error, 3 stale."""
+class JointSeries(_Rows):
+    """Joint states over time.
 
-    stamp_ns: int
-    name: str
-    level: int
-    message: str
-    hardware_id: str
-    values: dict[str, str]
+    Attributes
+    ----------
+    t : (k,) array
+        Times [s], of a whole series since its first message.
+    names : tuple of str
+        The m joints.
+    position, velocity, effort : (k, m) array
+        rad or m, per s, N m or N; NaN where a message did not have it.
+    stamp_ns, log_ns : (k,) int array
+        When they were measured and recorded [ns].
+    """
+
+    position: Array
+    velocity: Array
+    effort: Array
+    stamp_ns: Stamps
+    log_ns: Stamps
+    ROWS = ('t', *FIELDS, 'stamp_ns', 'log_ns')
+
+    def field(self, name: str) -> Series:
+        """Return the position, the velocity or the effort alone."""
+        return Series(self.t, self.names, getattr(self, name))
+
+    def select(self, names: Sequence[str]) -> JointSeries:
+        """Return the columns of these joints, in this order; NaN where there is none."""
+        position, velocity, effort = (
+            _columns(self.names, getattr(self, field), names) for field in FIELDS
+        )
+        return replace(
+            self, names=tuple(names), position=position, velocity=velocity, effort=effort
+        )
+
+    def renamed(self, rename: Mapping[str, str]) -> JointSeries:
+        """Return the series by the names that `renamed` gives to its joints."""
+        found = renamed(self.names, rename)
+        return replace(self.select(tuple(found.values())), names=tuple(found))
+
+    def since(self, origin_ns: int) -> JointSeries:
+        """Return the series with times since an origin [ns]."""
+        return replace(self, t=elapsed(self.stamp_ns, origin_ns))
+
+    def complete(self, names: Sequence[str] | None = None) -> JointSeries:
+        """Return the rows that have a finite position of all joints, or of these."""
+        whole = self if names is None else self.select(names)
+        return self[np.flatnonzero(np.isfinite(whole.position).all(axis=1))]
+
+    def rises(self, last_ns: int = np.iinfo(np.int64).min) -> Flags:
+        """Return which stamps (k,) are later than all before, and than a last one [ns]."""
+        latest = np.maximum.accumulate(np.concatenate([[last_ns], self.stamp_ns]))
+        rises: Flags = self.stamp_ns > latest[:-1]
+        return rises
+
+    def rising(self, last_ns: int = np.iinfo(np.int64).min) -> JointSeries:
+        """Return the rows with a stamp later than all before, and than a last one [ns]."""
+        return self[self.rises(last_ns)]
+
+    def ascending(self) -> JointSeries:
+        """Return the rows in the order of their stamps, the first of those with equal ones."""
+        return self[np.unique(self.stamp_ns, return_index=True)[1]]
+
+    def followed_by(self, after: JointSeries) -> JointSeries:
+        """Return these rows and, behind them, those of another series, with all joints of both."""
+        names = tuple(dict.fromkeys((*self.names, *after.names)))
+        parts = (self.select(names), after.select(names))
+        rows = {row: np.concatenate([getattr(p, row) for p in parts]) for row in self.ROWS}
+        return JointSeries(names=names, **rows)
+
+
+def elapsed(stamp_ns: Stamps, origin_ns: int | None = None) -> Array:
+    """Return seconds since an origin [ns], or since the first of some times in ns, (k,)."""
+    since: Stamps = stamp_ns - (stamp_ns[:1] if origin_ns is None else origin_ns)
+    return np.asarray(since * 1e-9, dtype=np.float64)
+
+
+def renamed(names: Sequence[str], rename: Mapping[str, str]) -> dict[str, str]:
+    """Map the robot's names to those in the bag.
+
+    Parameters
+    ----------
+    names : sequence of str
+        In the bag.
+    rename : mapping of str to str
+        Beginnings of these names and what they are in the robot; the longest that fits counts.
+    """
+    found = {}
+    for name in names:
+        start = max((s for s in rename if name.startswith(s)), key=len, default='')
+        found[rename.get(start, '') + name[len(start) :]] = name
+    return found
+
+
+def _columns(names: Sequence[str], values: Array, wanted: Sequence[str]) -> Array:
+    """Return the wanted columns, NaN where there is none."""
+    places = [names.index(name) if name in names else len(names) for name in wanted]
+    padded = np.column_stack([values, np.full(len(values), np.nan)])
+    chosen: Array = padded[:, places]
+    return chosen
+
+
+class JointStateColumns:
+    """Collects the raw messages of one topic; `series` makes arrays of them.
+
+    Parameters
+    ----------
+    topic : str
+        Named in errors.
+    """
+
+    def __init__(self, topic: str) -> None:
+        self.topic = topic
+        self._layout: JointStateLayout | None = None
+        self._stamps: list[int] = []
+        self._logs: list[int] = []
+        self._parts: list[tuple[JointStateLayout, int, tuple[bytearray, ...]]] = []
+
+    def __len__(self) -> int:
+        """Return the number of messages."""
+        return len(self._stamps)
+
+    def append(self, raw: bytes, log_ns: int) -> None:
+        """Take in one message's CDR bytes; a zero stamp counts as its log time [ns].
+
+        Raises
+        ------
+        BagError
+            When they are no JointState.
+        """
+        layout = self._layout
+        if layout is None or not layout.fits(raw):
+            layout = self._layout = self._learn(raw)
+            self._parts.append((layout, len(self._stamps), tuple(bytearray() for _ in FIELDS)))
+        self._stamps.append(layout.stamp_ns(raw) or log_ns)
+        self._logs.append(log_ns)
+        for store, (start, count) in zip(self._parts[-1][2], layout.blocks, strict=True):
+            store += raw[start : start + 8 * count]
+
+    def series(self, stamp: Stamp = 'header') -> JointSeries:
+        """Return all messages as arrays; NaN where a message does not have a joint or field."""
+        names = tuple(dict.fromkeys(name for part in self._parts for name in part[0].names))
+        stamps, logs = (np.array(each, dtype=np.int64) for each in (self._stamps, self._logs))
+        fields = {field: np.full((len(stamps), len(names)), np.nan) for field in FIELDS}
+        for layout, first, stores in self._parts:
+            columns = [names.index(name) for name in layout.names]
+            for field, store, (_, count) in zip(FIELDS, stores, layout.blocks, strict=True):
+                if count:
+                    rows = np.frombuffer(store, dtype=f'{layout.order}f8').reshape(-1, count)
+                    fields[field][first : first + len(rows), columns] = rows
+        stamps = logs if stamp == 'log' else stamps
+        return JointSeries(elapsed(stamps), names, **fields, stamp_ns=stamps, log_ns=logs)
+
+    def _learn(self, raw: bytes) -> JointStateLayout:
+        try:
+            layout = JointStateLayout.of(CdrReader(raw))
+        except CdrError as error:
+            raise BagError(
+                f'{self.topic}: message must be a whole {JOINT_STATE}, got {len(raw)} bytes'
+            ) from error
+        if wrong := layout.wrong_length():
+            field, count = wrong
+            raise BagError(
+                f'{self.topic}: {field} must have as many values as name has '
+                f'({len(layout.names)}) or none, got {count}'
+            )
+        return layout
+
+
+def joint_state_blocks(
+    path: str | Path, topics: Sequence[str], rows: int = 0, stamp: Stamp = 'header'
+) -> Iterator[dict[str, JointSeries]]:
+    """Iterate over topics of JointState in blocks, so that a bag of any length can be read.
+
+    Parameters
+    ----------
+    path : str or Path
+        A bag that `read_bag` reads.
+    topics : sequence of str
+        All are in each block, with the messages that were recorded since the block before.
+    rows : int
+        Messages of the first topic in a block; 0: the whole bag is one block.
+    stamp : {'header', 'log'}
+        As `read_bag`.
+
+    Raises
+    ------
+    BagError
+        As `read_bag`; also for another type, or a field of another length than `name`.
+    """
+    require_stamp(path, stamp)
+
+    def empty() -> dict[str, JointStateColumns]:
+        return {topic: JointStateColumns(f'{path}: {topic}') for topic in topics}
+
+    columns = empty()
+    for topic, kind, log_ns, raw in read_raw(path, topics):
+        if kind != JOINT_STATE:
+            raise _wrong_type(path, topic, (JOINT_STATE,), kind)
+        columns[topic].append(raw, log_ns)
+        if topic == topics[0] and len(columns[topic]) == rows:
+            yield {each: column.series(stamp) for each, column in columns.items()}
+            columns = empty()
+    yield {each: column.series(stamp) for each, column in columns.items()}
 
 
 def read_joint_states(
@@ -79,87 +343,157 @@ def read_joint_states(
         As `read_bag`; also for another type, a field of another length than `name`, or a joint
         that is in no message.
     """
-    require_stamp(path, stamp)
-    columns, logged = JointStateColumns(f'{path}: {topic}'), []
-    for _, kind, log_ns, raw in read_raw(path, [topic]):
-        if kind != JOINT_STATE:
-            raise _wrong_type(path, topic, (JOINT_STATE,), kind)
-        columns.append(raw, log_ns)
-        logged.append(log_ns)
-    series = columns.series()
-    if stamp == 'log':
-        series = replace(series, stamp_ns=np.array(logged, dtype=np.int64))
-    return series if names is None else _chosen(path, topic, series, names)
-
-
-def _chosen(
-    path: str | Path, topic: str, series: JointSeries, names: Sequence[str]
-) -> JointSeries:
-    """Return some joints of a series, in the order of the names."""
-    seen = series.names
-    if len(series.stamp_ns) and (unknown := sorted(set(names) - set(seen))):
+    series = next(joint_state_blocks(path, [topic], stamp=stamp))[topic]
+    if names is None:
+        return series
+    if len(series.t) and (unknown := sorted(set(names) - set(series.names))):
         raise BagError(
-            f'{path}: joints on {topic} must be among {", ".join(seen)}, got {", ".join(unknown)}'
+            f'{path}: joints on {topic} must be among {", ".join(series.names)}, '
+            f'got {", ".join(unknown)}'
         )
-    index = [seen.index(name) for name in names] if seen else [0] * len(names)
-    # messages without joints give rows without columns
-    chosen = {
-        field: getattr(series, field)[:, index] if seen else np.empty((0, len(names)))
-        for field in FIELDS
-    }
-    return JointSeries(series.stamp_ns, tuple(names), **chosen)
+    return series.select(names)
 
 
-def read_arrays(path: str | Path, topic: str, stamp: Stamp = 'header') -> ArraySeries:
-    """Read a topic of std_msgs/Float64MultiArray, or Float64, into an array.
+def read_arrays(path: str | Path, topic: str, stamp: Stamp = 'header') -> tuple[Stamps, Series]:
+    """Read a topic of std_msgs/Float64MultiArray, or Float64: stamps [ns], and named columns.
 
     Raises
     ------
     BagError
         As `read_bag`; also for another type, or when the number of values changes.
     """
-    messages = list(
-        _of_type(path, topic, ('std_msgs/msg/Float64MultiArray', 'std_msgs/msg/Float64'), stamp)
-    )
+    messages = list(read_bag(path, [topic], stamp))
+    if others := [item.type for item in messages if item.type not in ARRAY_TYPES]:
+        raise _wrong_type(path, topic, ARRAY_TYPES, others[0])
     rows = [np.atleast_1d(item.message.data) for item in messages]
     widths = sorted({len(row) for row in rows})
     if len(widths) > 1:
         raise BagError(f'{path}: messages on {topic} must keep their length, got {widths}')
-    width = widths[0] if widths else 0
-    layout = getattr(messages[0].message, 'layout', None) if messages else None
-    labels = tuple(layout.dim[0].label.split(',')) if layout is not None and layout.dim else ()
-    values = np.array(rows, dtype=np.float64).reshape(len(rows), width)
-    return ArraySeries(_stamps(messages), labels if len(labels) == width else (), values)
+    stamps = np.array([item.stamp_ns for item in messages], dtype=np.int64)
+    names = element_names(messages[0].message) if messages else ()
+    values = np.array(rows, dtype=np.float64).reshape(len(rows), len(names))
+    return stamps, Series(elapsed(stamps), names, values)
 
 
-def statuses(stamp_ns: int, message: Any) -> list[Diagnostic]:
-    """Return the statuses of a DiagnosticArray that has a stamp [ns]."""
-    return [
-        Diagnostic(
-            stamp_ns,
-            status.name,
-            int(status.level),
-            status.message,
-            status.hardware_id,
-            {pair.key: pair.value for pair in status.values},
-        )
-        for status in message.status
-    ]
+def element_names(message: Any) -> tuple[str, ...]:
+    """Names of the elements of a Float64MultiArray, or Float64.
+
+    They come from the label of the first dimension, comma-separated; where it names another
+    number of elements, or there is none, the elements are numbered from 0.
+    """
+    width = np.size(message.data)
+    dimensions: Sequence[Any] = getattr(getattr(message, 'layout', None), 'dim', ())
+    labels = tuple(dimensions[0].label.split(',')) if len(dimensions) else ()
+    return labels if len(labels) == width else tuple(map(str, range(width)))
 
 
-def _of_type(
-    path: str | Path, topic: str, types: str | tuple[str, ...], stamp: Stamp
-) -> Iterator[BagMessage]:
-    allowed = (types,) if isinstance(types, str) else types
+def read_numbers(
+    path: str | Path, topic: str, paths: Mapping[str, Sequence[str]], stamp: Stamp = 'header'
+) -> tuple[Stamps, Array]:
+    """Read numbers in the messages of a topic.
+
+    Parameters
+    ----------
+    path : str or Path
+        A bag that `read_bag` reads.
+    topic : str
+        A relative one is that of the robot's namespace.
+    paths : mapping of str to sequence of str
+        By the message types that the topic may have: where n numbers are in a message, as
+        `INERTIAL_NUMBERS` has them.
+    stamp : {'header', 'log'}
+        As `read_bag`.
+
+    Returns
+    -------
+    stamps : (k,) int array
+        [ns]
+    numbers : (k, n) array
+
+    Raises
+    ------
+    BagError
+        As `read_bag`; also for a topic that is not there, or of another type.
+    """
+    topics = bag_topics(path)
+    topic = resolved(topic, topics)
+    kind = topics.get(topic, '')
+    stamps, rows = [], []
     for item in read_bag(path, [topic], stamp):
-        if item.type not in allowed:
-            raise _wrong_type(path, topic, allowed, item.type)
-        yield item
+        if item.type not in paths or item.type != kind:
+            raise BagError(f'{path}: topic {topic} must be {" or ".join(paths)}, got {item.type}')
+        stamps.append(item.stamp_ns)
+        rows.append([operator.attrgetter(each)(item.message) for each in paths[kind]])
+    numbers = np.array(rows, dtype=np.float64).reshape(len(rows), len(paths.get(kind, ())))
+    return np.array(stamps, dtype=np.int64), numbers
+
+
+def read_readings(
+    path: str | Path, topic: str, name: str, field: str = '', wrench_field: str = ''
+) -> tuple[Stamps, Array]:
+    """Return stamps [ns] and raw readings of one sensor, (k,) each.
+
+    Parameters
+    ----------
+    path : str or Path
+        A bag that `read_bag` reads.
+    topic : str
+        Of one of `READING_TYPES`; a relative one is that of the robot's namespace.
+    name, field : str
+        The sensor's name, and which element or name in the message is its own.
+    wrench_field : str
+        Which component of a wrench.
+
+    Raises
+    ------
+    BagError
+        As `read_bag`; also for a topic of another type, and a message without the sensor.
+    """
+    stamps, raw = [], []
+    topic = resolved(topic, bag_topics(path))
+    for item in read_bag(path, [topic]):
+        if item.type not in READING_TYPES:
+            raise BagError(
+                f'{path}: topic {topic} must be one of {", ".join(READING_TYPES)}, got {item.type}'
+            )
+        stamps.append(item.stamp_ns)
+        try:
+            raw.append(_reading(item.type, item.message, name, field, wrench_field))
+        except (ValueError, IndexError) as error:
+            raise BagError(
+                f'{path}: messages on {topic} must hold sensor {name!r} '
+                f'(field {field or name!r}), got one without'
+            ) from error
+    return np.array(stamps, dtype=np.int64), np.array(raw, dtype=np.float64)
+
+
+def _reading(kind: str, message: Any, name: str, field: str, wrench_field: str) -> float:
+    if kind.endswith('Float64'):
+        return float(message.data)
+    if kind.endswith('WrenchStamped'):
+        return float(operator.attrgetter(wrench_field)(message.wrench))
+    if kind.endswith('JointState'):
+        values = message.position if len(message.position) else message.effort
+        return float(values[list(message.name).index(field or name)])
+    element, names = field or '0', element_names(message)
+    return float(message.data[names.index(element) if element in names else int(element)])
+
+
+def resolved(topic: str, topics: Iterable[str]) -> str:
+    """Return the absolute name of a topic: in the root, else where only one namespace has it."""
+    if topic.startswith('/'):
+        return topic
+    name = f'/{topic}'
+    found = [each for each in topics if each.endswith(name)]
+    return found[0] if len(found) == 1 else name
+
+
+def find_topic(topics: Iterable[str], ending: str) -> str:
+    """Return the topic of this name or, failing that, the first that ends so; '' for none."""
+    names = sorted(topics)
+    exact = [name for name in names if name.lstrip('/') == ending]
+    return next(iter(exact + [name for name in names if name.endswith(f'/{ending}')]), '')
 
 
 def _wrong_type(path: str | Path, topic: str, allowed: Sequence[str], kind: str) -> BagError:
     return BagError(f'{path}: topic {topic} must be of type {" or ".join(allowed)}, got {kind}')
-
-
-def _stamps(messages: list[BagMessage]) -> Stamps:
-    return np.array([item.stamp_ns for item in messages], dtype=np.int64)

@@ -1,25 +1,48 @@
-"""One MCAP file: written so that a kill or a full disk leaves its complete part readable."""
+"""One MCAP file: written so that a kill or a full disk leaves its complete part readable.
+
+Its end is written anew after the disk refused a part of it; files that are deleted, moved,
+replaced or cut during the recording are noticed.
+"""
 
 from __future__ import annotations
 
 import dataclasses
 import os
 import struct
-from collections.abc import Iterator
+import time
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
+from dataclasses import dataclass, field
+from datetime import datetime, timezone
 from importlib.metadata import version
+from itertools import count
 from pathlib import Path
 from typing import IO
 
+import lz4.frame  # type: ignore[import-untyped]
+import zstandard
+from mcap.data_stream import ReadDataStream, RecordBuilder
 from mcap.exceptions import McapError
+from mcap.opcode import Opcode
 from mcap.reader import make_reader
-from mcap.records import Channel, Chunk, McapRecord, Message, Schema
+from mcap.records import (
+    Attachment,
+    AttachmentIndex,
+    Channel,
+    Chunk,
+    ChunkIndex,
+    DataEnd,
+    Footer,
+    McapRecord,
+    Message,
+    MessageIndex,
+    Schema,
+    Statistics,
+)
 from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import CompressionType, Writer
 
-from denoc_ros.bags.decompression import decompressed, require_bounded
-from denoc_ros.bags.ending import McapIndex, read_layout
-from denoc_ros.bags.loss import MOVED, Identity, cut
 from denoc_ros.bags.metadata import FileContents, Topic
 from denoc_ros.errors import BagError
 
@@ -34,6 +57,12 @@ _CHUNK_SIZE = 1 << 20
 # checksum, a chunk that cannot be opened; lengths that no memory has (Overflow-, MemoryError).
 # Errors of the disk and of this program pass.
 TORN = (McapError, struct.error, ValueError, OverflowError, MemoryError)
+MOVED = 'a moved or renamed one'
+MAGIC = b'\x89MCAP0\r\n'
+_HEAD = struct.Struct('<BQ')
+LARGEST_CHUNK = 1 << 28  # bytes when opened: writers make chunks of a MiB or a few
+MOST_AT_ONCE = 1 << 30  # bytes of chunks whose times overlap: they are open together
+LARGEST_WINDOW = 1 << 27  # bytes that a zstd frame may ask for, as zstd's own tools allow
 
 
 def library_name() -> str:
@@ -276,3 +305,264 @@ def count_messages(path: Path) -> FileContents:
             elif isinstance(record, Message) and record.channel_id in topics:
                 contents.add(topics[record.channel_id], record.log_time)
     return contents
+
+
+@dataclass(frozen=True)
+class Identity:
+    """Which file or folder a path led to when it was made."""
+
+    device: int
+    number: int
+
+    @classmethod
+    def of(cls, status: os.stat_result) -> Identity:
+        """Return the identity that a status tells."""
+        return cls(status.st_dev, status.st_ino)
+
+    def is_at(self, path: Path) -> bool:
+        """Say whether a path leads there still; True where the system does not tell."""
+        try:
+            return Identity.of(path.stat()) == self
+        except (FileNotFoundError, NotADirectoryError):
+            return False
+        except OSError:
+            return True
+
+
+def displacement(path: Path, size: int) -> str:
+    """Fate of a finished file of a size [bytes]: deleted, moved, cut; '' when unchanged."""
+    try:
+        found = path.stat().st_size
+    except (FileNotFoundError, NotADirectoryError):
+        return 'a deleted or moved one'
+    except OSError:  # the system does not tell
+        return ''
+    return '' if found == size else cut(found, size)
+
+
+def cut(found: int, written: int) -> str:
+    """Say that a file does not have the bytes that were written."""
+    return f'one of {found} bytes instead of {written}'
+
+
+@dataclass(frozen=True)
+class Loss:
+    """A file of a bag that was moved, deleted or damaged during the recording.
+
+    Attributes
+    ----------
+    path : Path
+        Where it was.
+    cause : str
+        What became of it.
+    contents : FileContents
+        What had been written to it.
+    next_path : Path, optional
+        The file in which the recording goes on.
+    """
+
+    path: Path
+    cause: str
+    contents: FileContents
+    next_path: Path | None = None
+
+    def __str__(self) -> str:
+        """Return the event and the loss as a message to the user."""
+        held = self.contents
+        text = (
+            f'{self.path}: file must stay as it is written, got {self.cause}; '
+            f'{held.messages} messages, {held.size} bytes'
+        )
+        if held.messages:
+            begin = datetime.fromtimestamp(held.start_ns // 10**9, timezone.utc)
+            span = 1e-9 * (held.end_ns - held.start_ns)
+            text += f', {span:.2f} s from {begin:%Y-%m-%d %H:%M:%S} UTC'
+        text += ' are whole in it, not in this bag' if self.cause == MOVED else ' are lost'
+        return f'{text}; goes on in {self.next_path}' if self.next_path else text
+
+
+def free_paths(path: Path, suffix: str) -> Iterator[Path]:
+    """Yield paths for a recording whose folder or file is gone: names by time."""
+    name = f'{path.name.removesuffix(suffix)}_{time.strftime("%Y%m%d_%H%M%S")}'
+    yield path.with_name(f'{name}{suffix}')
+    for number in count(2):
+        yield path.with_name(f'{name}_{number}{suffix}')
+
+
+@dataclass
+class McapIndex:
+    """Where the chunks and attachments of a file lie.
+
+    Attributes
+    ----------
+    end : int
+        Offset after the last of them [bytes].
+    chunks : list of ChunkIndex
+        In file order.
+    counts : list of Counter
+        Messages by channel of each chunk.
+    attachments : list of AttachmentIndex
+        In file order.
+    """
+
+    end: int
+    chunks: list[ChunkIndex] = field(default_factory=list)
+    counts: list[Counter[int]] = field(default_factory=list)
+    attachments: list[AttachmentIndex] = field(default_factory=list)
+
+    def drop_last_chunk(self) -> None:
+        """Leave out the last chunk and everything after it."""
+        self.end = self.chunks.pop().chunk_start_offset
+        self.counts.pop()
+        self.attachments = [index for index in self.attachments if index.offset < self.end]
+
+    def ending(self, schemas: Sequence[Schema], channels: Sequence[Channel]) -> bytes:
+        """Return the bytes that belong after `end`: summary, footer and magic."""
+        records = RecordBuilder()
+        DataEnd(0).write(records)
+        start = self.end + records.count
+        for record in (*schemas, *channels, self._statistics(schemas, channels)):
+            record.write(records)
+        for record in (*self.chunks, *self.attachments):
+            record.write(records)
+        Footer(start, 0, 0).write(records)
+        return bytes(records.end()) + MAGIC
+
+    def _statistics(self, schemas: Sequence[Schema], channels: Sequence[Channel]) -> Statistics:
+        counts = sum(self.counts, Counter[int]())
+        return Statistics(
+            attachment_count=len(self.attachments),
+            channel_count=len(channels),
+            channel_message_counts=dict(counts),
+            chunk_count=len(self.chunks),
+            message_count=sum(counts.values()),
+            message_end_time=max((chunk.message_end_time for chunk in self.chunks), default=0),
+            message_start_time=min((chunk.message_start_time for chunk in self.chunks), default=0),
+            metadata_count=0,
+            schema_count=len(schemas),
+        )
+
+
+def read_layout(path: Path, end: int) -> McapIndex:
+    """Return the layout of the part of a file before an offset where a record ends."""
+    layout = McapIndex(end)
+    with path.open('rb') as stream:
+        offset = len(MAGIC)
+        while offset < end:
+            stream.seek(offset)
+            opcode, length = _HEAD.unpack(stream.read(_HEAD.size))
+            _add_record(layout, stream, opcode, offset, _HEAD.size + length)
+            offset += _HEAD.size + length
+    return layout
+
+
+def _add_record(
+    layout: McapIndex, stream: IO[bytes], opcode: int, offset: int, length: int
+) -> None:
+    content = ReadDataStream(stream)
+    if opcode == Opcode.CHUNK:
+        layout.chunks.append(_chunk_index(Chunk.read(content), offset, length))
+        layout.counts.append(Counter())
+    elif opcode == Opcode.MESSAGE_INDEX:
+        index = MessageIndex.read(content)
+        layout.chunks[-1].message_index_offsets[index.channel_id] = offset
+        layout.chunks[-1].message_index_length += length
+        layout.counts[-1][index.channel_id] = len(index.records)
+    elif opcode == Opcode.ATTACHMENT:
+        found = Attachment.read(content)
+        layout.attachments.append(
+            AttachmentIndex(
+                offset=offset,
+                length=length,
+                log_time=found.log_time,
+                create_time=found.create_time,
+                data_size=len(found.data),
+                name=found.name,
+                media_type=found.media_type,
+            )
+        )
+
+
+def _chunk_index(chunk: Chunk, offset: int, length: int) -> ChunkIndex:
+    return ChunkIndex(
+        chunk_length=length,
+        chunk_start_offset=offset,
+        compression=chunk.compression,
+        compressed_size=len(chunk.data),
+        message_end_time=chunk.message_end_time,
+        message_index_length=0,
+        message_index_offsets={},
+        message_start_time=chunk.message_start_time,
+        uncompressed_size=chunk.uncompressed_size,
+    )
+
+
+def decompressed(data: bytes, compression: str, size: int) -> bytes:
+    """Return the content of a chunk.
+
+    Parameters
+    ----------
+    data : bytes
+        As in the file.
+    compression : {'', 'lz4', 'zstd'}
+    size : int
+        Of the content [bytes], as the chunk claims. No more memory is taken.
+
+    Raises
+    ------
+    ValueError
+        The chunk is too large, damaged, or holds another number of bytes than it claims.
+    """
+    if size > LARGEST_CHUNK:
+        raise ValueError(f'chunk must hold at most {LARGEST_CHUNK} bytes, got {size}')
+    content = _opened(data, compression, size + 1)
+    if len(content) != size:
+        got = 'more' if len(content) > size else str(len(content))
+        raise ValueError(f'chunk must hold the {size} bytes that it claims, got {got}')
+    return content
+
+
+def _opened(data: bytes, compression: str, most: int) -> bytes:
+    """Return the content, cut off where it is longer than `most` bytes."""
+    if not compression:
+        return data
+    if compression not in ('lz4', 'zstd'):
+        raise ValueError(f'compression must be none, lz4 or zstd, got {compression!r}')
+    try:
+        if compression == 'lz4':
+            return bytes(lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=most))
+        bounded = zstandard.ZstdDecompressor(max_window_size=LARGEST_WINDOW)
+        return bounded.stream_reader(data, read_across_frames=True).read(most)
+    except (RuntimeError, EOFError, zstandard.ZstdError) as error:
+        reason = str(error) or type(error).__name__
+        raise ValueError(f'{compression} chunk must be whole, got: {reason}') from error
+
+
+def require_bounded(chunks: Iterable[tuple[int, int, int]]) -> None:
+    """Refuse chunks that would fill the memory; (first time, last time, size [bytes]) of each.
+
+    Raises
+    ------
+    ValueError
+        With the size of one, or of all that are open at once.
+    """
+    steps = []
+    for begin, end, size in chunks:
+        if size > LARGEST_CHUNK:
+            raise ValueError(f'chunk must hold at most {LARGEST_CHUNK} bytes, got {size}')
+        steps += [(begin, 0, size), (max(begin, end), 1, -size)]
+    together = 0
+    for _, _, change in sorted(steps):
+        together += change
+        if together > MOST_AT_ONCE:
+            raise ValueError(
+                f'chunks of the same time must hold at most {MOST_AT_ONCE} bytes, got more'
+            )
+
+
+def decompressed_message(data: bytes) -> bytes:
+    """Return a message of a bag in which each one is compressed; errors as `decompressed`."""
+    content = _opened(data, 'zstd', LARGEST_CHUNK + 1)
+    if len(content) > LARGEST_CHUNK:
+        raise ValueError(f'message must be at most {LARGEST_CHUNK} bytes, got more')
+    return content

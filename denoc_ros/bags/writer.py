@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from denoc_ros.bags.definitions import encode, message_definition
-from denoc_ros.bags.loss import Identity, Loss, displacement, free_paths
 from denoc_ros.bags.metadata import (
     FileContents,
     Qos,
@@ -16,7 +15,7 @@ from denoc_ros.bags.metadata import (
     qos_text,
     write_metadata,
 )
-from denoc_ros.bags.storage import COMPRESSIONS, McapFile
+from denoc_ros.bags.storage import COMPRESSIONS, Identity, Loss, McapFile, displacement, free_paths
 from denoc_ros.errors import BagError
 
 

@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 from denoc_ros.cli.config import find_file
 from denoc_ros.errors import ConfigError
 from denoc_ros.reports.run_files import EARTH
+from denoc_ros.settings import Parameter
 
 Value = TypeVar('Value')
 
@@ -36,6 +37,13 @@ def add_gravity(
         metavar=('X', 'Y', 'Z'),
         help=f'gravity in the base frame [m/s^2], default {said}',
     )
+
+
+def add_setting(group: Any, row: Parameter) -> None:
+    """Declare the option of a setting that is a number; None where it is not given."""
+    unit = f' [{row.unit}]' if row.unit else ''
+    text = f'{row.text}{unit}; default: {row.default:g}'.replace('%', '%%')
+    group.add_argument(f'--{row.name.replace("_", "-")}', type=float, metavar='X', help=text)
 
 
 def add_times(group: Any) -> None:

@@ -9,7 +9,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from denoc_ros.bags.readings import read_readings
+from denoc_ros.bags.series import elapsed, read_readings
+from denoc_ros.bags.tables import read_sheet
 from denoc_ros.cli.arguments import add_gravity
 from denoc_ros.cli.calibrate_mounting import run_mounting
 from denoc_ros.cli.config import find_file
@@ -26,7 +27,6 @@ from denoc_ros.estimation.calibration import (
     match_levels,
     sensor_values,
 )
-from denoc_ros.identification.tables import read_sheet
 from denoc_ros.model.overrides import edited_description
 from denoc_ros.model.sensors import wrench_field
 
@@ -109,8 +109,8 @@ def _readings(args: argparse.Namespace, robot: Robot) -> tuple[Any, Any, float]:
     if not sensor.topic:
         raise ConfigError(str(args.robot), [f'sensor {sensor.name!r} must have a topic, got none'])
     field = wrench_field(sensor, robot.tree)
-    t, raw = read_readings(path, sensor.topic, sensor.name, sensor.field, field)
-    plateaus = find_plateaus(t, raw, args.hold)
+    stamp_ns, raw = read_readings(path, sensor.topic, sensor.name, sensor.field, field)
+    plateaus = find_plateaus(elapsed(stamp_ns), raw, args.hold)
     return plateaus.means, match_levels(plateaus, args.levels), plateaus.deviation
 
 
@@ -120,7 +120,7 @@ def read_table(path: Path) -> tuple[list[float], list[float]]:
     Parameters
     ----------
     path : Path
-        A text or a spreadsheet as `identification.tables.read_table` reads it: two columns,
+        A text or a spreadsheet as `bags.tables.read_table` reads it: two columns,
         reference and raw, in the order of measuring; or more with a header that names these two.
 
     Raises

@@ -10,16 +10,15 @@ from pathlib import Path
 
 import numpy as np
 
-from denoc_ros.bags.readings import read_inertial
-from denoc_ros.bags.series import read_joint_states
+from denoc_ros.bags.series import INERTIAL_NUMBERS, read_joint_states, read_numbers
 from denoc_ros.cli.exit_statuses import DOUBTFUL, NOT_IDENTIFIABLE
 from denoc_ros.cli.written_description import write_description
 from denoc_ros.dynamics.measured_side import measured_robot
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import ConfigError, IdentificationError
+from denoc_ros.estimation.calibration import Mounting, calibrate_mounting
 from denoc_ros.estimation.joint_motion import smooth
-from denoc_ros.estimation.mounting import Mounting, calibrate_mounting
-from denoc_ros.model.remounting import remounted_description
+from denoc_ros.model.overrides import remounted_description
 from denoc_ros.types import Array
 
 MOST = 1000  # readings, evenly out of all: the amplitudes of each are in equilibrium
@@ -46,7 +45,7 @@ def _record(args: argparse.Namespace, robot: Robot) -> tuple[Array, Array, Array
     (sensor,) = (s for s in robot.tree.inertial_sensors if s.name == args.sensor)
     if not sensor.topic:
         raise ConfigError(str(args.robot), [f'sensor {sensor.name!r} must have a topic, got none'])
-    stamp_ns, readings = read_inertial(args.readings, sensor.topic)
+    stamp_ns, readings = read_numbers(args.readings, sensor.topic, INERTIAL_NUMBERS)
     joints = read_joint_states(args.readings, names=robot.joint_names)
     inside = np.flatnonzero(
         (stamp_ns >= joints.stamp_ns.min(initial=np.iinfo(np.int64).max))

@@ -18,7 +18,7 @@ from denoc_ros.cli.config import find_file
 from denoc_ros.cli.postures import Posture, add_postures, read_postures
 from denoc_ros.cli.suggestion import add_suggestion, check_options, run_suggestion
 from denoc_ros.cli.verbs import VERBS
-from denoc_ros.dynamics.mobility import mobility
+from denoc_ros.dynamics.assembling import mobility
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.dynamics.shape_losses import shape_losses
 from denoc_ros.estimation.observability import observability

@@ -13,7 +13,7 @@ from denoc_ros.cli.path_settings import apply_setting
 from denoc_ros.cli.time_modes import AUTO, TIMES
 from denoc_ros.errors import ConfigError
 from denoc_ros.model.mapping_reader import MappingReader, are_numbers, is_number
-from denoc_ros.model.overrides import FAMILIES
+from denoc_ros.model.numbers import FAMILIES
 from denoc_ros.yaml_text import read_yaml_file
 
 NODES = ('plant', 'feedforward', 'predictor', 'recorder', 'viewer', 'shaper')

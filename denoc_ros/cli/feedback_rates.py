@@ -11,8 +11,8 @@ from denoc_ros.cli.node_parameters import node_parameters, node_table
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import ConfigError, SolverError, StateError
 from denoc_ros.runtime.live_state_feedback import LiveStateFeedback
-from denoc_ros.runtime.safety import torque_limits
 from denoc_ros.runtime.strain_feedback import StrainFeedback
+from denoc_ros.runtime.torque import torque_limits
 
 FEEDFORWARD = 'feedforward'
 PATIENCE = 60.0  # s for the gains of a phase

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from denoc_ros.bags.reader import read_description
+from denoc_ros.bags.tables import is_table
 from denoc_ros.cli.arguments import (
     add_gravity,
     add_stamp,
@@ -19,7 +20,7 @@ from denoc_ros.cli.arguments import (
 )
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.errors import ConfigError
-from denoc_ros.identification.channel import Channel, is_table
+from denoc_ros.identification.channel import Channel
 
 
 def add_recording_options(parser: argparse.ArgumentParser, several: bool = False) -> None:

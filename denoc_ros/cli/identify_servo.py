@@ -10,19 +10,18 @@ from typing import Any
 import numpy as np
 
 from denoc_ros.bags.digest import file_hash
+from denoc_ros.bags.joint_table import TableTimes, joint_columns, joints_with, table_times
 from denoc_ros.bags.series import JointSeries, read_joint_states
+from denoc_ros.bags.tables import is_table, read_table
 from denoc_ros.cli.arguments import add_stamp, add_times, named_values, times_findings
 from denoc_ros.cli.identify_inputs import add_recording_options
 from denoc_ros.cli.identify_outputs import give_result
 from denoc_ros.cli.verbs import ACTIONS
 from denoc_ros.errors import BagError, ConfigError, IdentificationError
-from denoc_ros.identification.channel import Channel, is_table, table_times
 from denoc_ros.identification.commands import Commands, read_commands
-from denoc_ros.identification.joint_columns import joint_columns, joints_with
 from denoc_ros.identification.modes import NOT_IDENTIFIABLE, worst
 from denoc_ros.identification.result import plain
 from denoc_ros.identification.servo import Run, ServoFit, fit_servo_runs
-from denoc_ros.identification.tables import read_table
 from denoc_ros.reports.identify_servo import servo_page
 from denoc_ros.reports.pages import ReportPage
 from denoc_ros.reports.text_table import text_table
@@ -156,7 +155,7 @@ def _of_table(path: Path, args: argparse.Namespace, columns: dict[str, str]) -> 
                 f'{", ".join(list(given)[:20])}: --column {name}.{missing[0]}=COLUMN'
             )
         command, position = (given[found[name, field]] for field in ('command', 'position'))
-        times = Channel(time=args.time, time_unit=args.time_unit, rate=args.rate)
+        times = TableTimes(args.time, args.time_unit, args.rate)
         _, _, t = table_times(path, given, times, len(position))
         if not len(command) == len(position) == len(t):
             raise BagError(
@@ -217,10 +216,8 @@ def _grid(
     path: Path, args: argparse.Namespace, commands: Commands, measured: JointSeries
 ) -> tuple[Array, Array]:
     """Return times (k,) in equal steps by the commands' clock, and positions (k, joints) then."""
-    stamps = measured.stamp_ns
-    whole = np.isfinite(measured.position).all(axis=1)
-    whole &= np.concatenate(([True], stamps[1:] > np.maximum.accumulate(stamps)[:-1]))
-    t = 1e-9 * (stamps[whole] - commands.begin_ns)
+    whole = measured.since(commands.begin_ns).rising().complete()
+    t = whole.t
     first = float(t[0]) if len(t) else 0.0
     low, high = max(0.0, first + args.begin), min(float(t[-1]), first + args.end) if len(t) else 0
     if len(t) < 2 or high <= low:
@@ -230,8 +227,7 @@ def _grid(
         )
     step = float(np.median(np.diff(t)))
     grid = np.arange(low, high, step)
-    position = measured.position[whole]
-    rows = [np.interp(grid, t, position[:, k]) for k in range(position.shape[1])]
+    rows = [np.interp(grid, t, column) for column in whole.position.T]
     return grid, np.column_stack(rows)
 
 

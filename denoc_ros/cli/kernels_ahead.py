@@ -19,7 +19,7 @@ from denoc_ros import kernels as package
 from denoc_ros.dynamics.robot_model import CONSTRAINT_KERNELS, KERNELS
 from denoc_ros.dynamics.stepper import DRIVEN_KERNELS
 from denoc_ros.errors import DenocError
-from denoc_ros.kernels import correction, inverse, inverse_derivatives, message_values, world
+from denoc_ros.kernels import inverse, inverse_derivatives, kalman, message_values, world
 from denoc_ros.kernels.cache import is_kept
 from denoc_ros.kernels.compiled import DECLARED, ready
 
@@ -30,7 +30,7 @@ HEAVY = {
     'advance_tied': 17.0,
     'forward_dynamics': 16.0,
     'inverse_dynamics_derivatives': 15.0,
-    'frame_acceleration_derivatives': 5.0,
+    'frame_acceleration_derivatives_rows': 5.0,
 }
 USUAL = 1.5  # s of any other
 # that the speed is measured by: the first loads the compiler, neither calls an algorithm apart
@@ -66,14 +66,14 @@ def kernels(loops: bool, plans: bool) -> list[Any]:
         Whether a phase shapes its reference, or a node plans.
     """
     of_robot = CONSTRAINT_KERNELS if loops else DRIVEN_KERNELS
-    found = [*KERNELS, *of_robot, correction.take_values, message_values.take_numbers]
+    found = [*KERNELS, *of_robot, inverse_derivatives.inverse_dynamics_derivatives]
+    found += [kalman.take_values, message_values.take_numbers]
     if plans:
         found += [
             inverse.inverse_dynamics_rows,
             world.frame_pose_rows,
             world.frame_jacobian_rows,
             inverse_derivatives.inverse_dynamics_derivatives_rows,
-            inverse_derivatives.inverse_dynamics_derivatives,
         ]
     return _heavy_at_both_ends(found)
 

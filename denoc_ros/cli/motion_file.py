@@ -10,7 +10,7 @@ import numpy as np
 
 from denoc_ros.cli.config import find_file, read_yaml
 from denoc_ros.errors import ConfigError
-from denoc_ros.runtime.motion_samples import RESTING
+from denoc_ros.runtime.trajectory_messages import RESTING
 from denoc_ros.simulation.reference import trajectory_from_config
 from denoc_ros.trajectories import Trajectory
 from denoc_ros.types import Array

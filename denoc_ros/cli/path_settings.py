@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from denoc_ros.model.overrides import FAMILIES
+from denoc_ros.model.numbers import FAMILIES
 from denoc_ros.yaml_text import YamlError, load_yaml
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from denoc_ros.dynamics.equilibrium import Equilibrium
-from denoc_ros.dynamics.mechanism_modes import independent_joints
+from denoc_ros.dynamics.natural_modes import independent_joints
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import ConfigError
 

@@ -5,10 +5,9 @@ from __future__ import annotations
 import argparse
 import math
 
+from denoc_ros.bags.joint_table import TableTimes
 from denoc_ros.cli.arguments import add_stamp, add_times, named_values, require, times_findings
-from denoc_ros.identification.channel import Channel
-from denoc_ros.identification.model.sensor_filter import SensorFilter
-from denoc_ros.identification.model.sources import RecordingSettings
+from denoc_ros.identification.model.sources import RecordingSettings, SensorFilter
 
 
 def add_recording_settings(parser: argparse.ArgumentParser) -> None:
@@ -85,7 +84,7 @@ def recording_settings(args: argparse.Namespace) -> RecordingSettings:
         stamp=args.stamp,
         rename=rename,
         columns=columns,
-        times=Channel(time=args.time, time_unit=args.time_unit, rate=args.rate),
+        times=TableTimes(args.time, args.time_unit, args.rate),
         begin=args.begin,
         end=args.end,
         filters={name: SensorFilter(*pair) for name, pair in filters.items()},

@@ -10,8 +10,11 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+from denoc_ros.bags.joint_table import TableTimes, bag_of_table
+from denoc_ros.bags.tables import is_table
 from denoc_ros.cli.arguments import (
     add_gravity,
+    add_setting,
     add_stamp,
     add_times,
     named_values,
@@ -28,17 +31,16 @@ from denoc_ros.cli.verbs import VERBS
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.errors import BagError
 from denoc_ros.estimation.tracker_settings import TrackerSettings
-from denoc_ros.identification.channel import Channel, is_table
 from denoc_ros.output_files import require_new, write_text
 from denoc_ros.replay.adaptation import AdaptSettings
 from denoc_ros.replay.bag import replay_bag
 from denoc_ros.replay.settings import ReplaySettings
 from denoc_ros.replay.summary import summarize
-from denoc_ros.replay.table import bag_of_table
 from denoc_ros.reports.provenance import named_file, named_text, provenance
 from denoc_ros.reports.replay import page
 from denoc_ros.reports.run_files import EARTH, find_bag, read_session, recording_name
 from denoc_ros.reports.text_table import Row, text_table
+from denoc_ros.runtime.predictor_parameters import TRACKER
 
 
 def add_parser(subparsers: Any) -> None:
@@ -175,12 +177,8 @@ def _add_adaptation(parser: argparse.ArgumentParser) -> None:
         metavar='PATH=LOW:HIGH',
         help='its bounds (default: half to one and a half of its value); repeatable',
     )
-    for name, unit, text in (
-        ('rate', 'PER_S', 'largest change in a second, as a share of the bounds, default 1'),
-        ('memory', 'S', 'time of motion after which data are forgotten, default 0.5'),
-        ('error', 'SHARE', 'assumed error of the rest of the model, default 0.01'),
-    ):
-        group.add_argument(f'--adapt-{name}', type=float, metavar=unit, help=text)
+    for row in TRACKER.rows():
+        add_setting(group, row)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -234,7 +232,7 @@ def _as_bag(args: argparse.Namespace, path: Path, robot: Robot) -> Iterator[Path
             raise BagError(f'{path}: --column must come with a table, got a bag')
         yield path
         return
-    times = Channel(time=args.time, time_unit=args.time_unit, rate=args.rate)
+    times = TableTimes(args.time, args.time_unit, args.rate)
     with TemporaryDirectory(prefix='denoc-') as folder:
         yield bag_of_table(path, robot.joint_names, Path(folder, 'table.mcap'), columns, times)
 
@@ -259,9 +257,8 @@ def _adapt_settings(args: argparse.Namespace) -> AdaptSettings:
     bounds = named_values(
         '--adapt-bounds', args.adapt_bounds, 'PATH=LOW:HIGH', number_range, findings
     )
-    named = {'rate': 'adapt_rate', 'memory': 'adapt_memory', 'model_error': 'adapt_error'}
-    given = {name: getattr(args, key) for name, key in named.items()}
-    given = {name: value for name, value in given.items() if value is not None}
+    given = {field: getattr(args, name) for field, name in TRACKER.names.items()}
+    given = {field: value for field, value in given.items() if value is not None}
     if (bounds or given) and not args.adapt:
         findings.append('--adapt must name what is tracked where its settings are given, got none')
     require(findings)

@@ -15,8 +15,8 @@ from denoc_ros.cli.setpoints import rounded_setpoints, smoothed
 from denoc_ros.dynamics.deflection import TipDeflections
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import ConfigError
-from denoc_ros.simulation.run import Run
 from denoc_ros.simulation.scenario import Scenario, model_settings, scenario_from_config
+from denoc_ros.simulation.simulate import Run
 
 
 def load(robot: str, scenario: str, smooth: float | None = None) -> tuple[Robot, Scenario, str]:

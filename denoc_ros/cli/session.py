@@ -27,7 +27,7 @@ from denoc_ros.cli.shaped_phases import asked_at_pace, motion_of
 from denoc_ros.cli.time_modes import AUTO, REAL, SIMULATED
 from denoc_ros.control.plan import Plan
 from denoc_ros.dynamics.robot import load_robot
-from denoc_ros.runtime.following import NO_JOINTS, STALE_JOINTS
+from denoc_ros.runtime.torque import NO_JOINTS, STALE_JOINTS
 from denoc_ros.trajectories import Trajectory
 
 if TYPE_CHECKING:  # an optional extra

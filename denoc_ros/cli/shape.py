@@ -20,7 +20,7 @@ from denoc_ros.cli.progress import share_bar
 from denoc_ros.cli.verbs import VERBS
 from denoc_ros.control.plan import Plan
 from denoc_ros.control.shape import shape_motion
-from denoc_ros.dynamics.held_base import held_robot
+from denoc_ros.dynamics.reacting_base import held_robot
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.errors import ConfigError
 from denoc_ros.output_files import require_new, write_text
@@ -29,8 +29,8 @@ from denoc_ros.reports.provenance import named_file, provenance
 from denoc_ros.reports.run_files import EARTH
 from denoc_ros.reports.shape import page
 from denoc_ros.reports.shape_comparison import compare
+from denoc_ros.runtime.shaper_parameters import METHODS
 
-METHODS = ('tip', 'zv', 'zvd', 'ei', 'rest_to_rest')
 BASES = ('free_floating', 'free_flying')
 TIP_ONLY = ('joints', 'stretch', 'preaction', 'postaction', 'turn', 'step')
 NUMBERS = {

@@ -23,8 +23,8 @@ from denoc_ros.reports.provenance import named_file
 from denoc_ros.reports.run_files import SIMULATED
 from denoc_ros.reports.versions import versions
 from denoc_ros.simulation.bag import write_run
-from denoc_ros.simulation.run import Run
 from denoc_ros.simulation.scenario import Scenario
+from denoc_ros.simulation.simulate import Run
 
 
 def add_parser(subparsers: Any) -> None:

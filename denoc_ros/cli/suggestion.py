@@ -143,9 +143,9 @@ def summarize_suggestion(suggestion: Suggestion, robot: Robot) -> Row:
         'refused': [{'link': link, 'why': why} for link, why in suggestion.refused.items()],
         'natural_frequencies_hz': [float(value) for value in frequencies],
         'without_armature': [
-            body.joint.name
-            for body in robot.tree.bodies
-            if body.joint is not None and not body.joint.armature and not body.joint.mimic
+            name
+            for name, joint in robot.tree.joints.items()
+            if not joint.armature and not joint.mimic
         ],
         'gears': _gears(suggestion),
         'springs': [vars(spring) for spring in suggestion.springs],

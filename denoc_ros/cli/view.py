@@ -134,7 +134,7 @@ def _robot_page(args: argparse.Namespace) -> Page:
 
 
 def _gallery(args: argparse.Namespace) -> Page:
-    from denoc_ros.viewer.gallery import Exhibit, offer
+    from denoc_ros.viewer.page import Exhibit, offer
 
     systems = book_systems()
 

@@ -39,8 +39,7 @@ def add_parser(subparsers: Any) -> None:
 
 def has_constraints(tree: Tree) -> bool:
     """Say whether a robot has kinematic loops or mimic joints."""
-    mimics = any(body.joint is not None and body.joint.mimic is not None for body in tree.bodies)
-    return bool(tree.loops) or mimics
+    return bool(tree.loops or tree.mimics)
 
 
 def run(args: argparse.Namespace) -> int:

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from denoc_ros.dynamics.constraints import mimic_ties
 from denoc_ros.dynamics.driven_motion import driven_motion
-from denoc_ros.dynamics.mimic_joints import mimic_ties
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import StateError
 from denoc_ros.types import Array

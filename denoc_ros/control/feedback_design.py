@@ -16,7 +16,7 @@ from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.springs import spring_indices
 from denoc_ros.errors import SolverError
 from denoc_ros.model.arrays import is_flexible
-from denoc_ros.model.inertial_sensors import SensorValue
+from denoc_ros.model.sensors import SensorValue
 from denoc_ros.types import Array
 
 CORRELATION = 0.03  # s over which forces that the model does not know stay alike: Gauss-Markov

@@ -144,8 +144,7 @@ def joint_limits(
     StateError
         A limit that is not > 0, of another number than joints, or of an unknown joint.
     """
-    joints = {body.joint.name: body.joint for body in robot.tree.bodies if body.joint is not None}
-    own = [joints[name].limits for name in robot.joint_names]
+    own = [robot.tree.joints[name].limits for name in robot.joint_names]
     none = np.full(len(own), np.inf)
 
     def column(what: str) -> Array:

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from denoc_ros.model.inertial_sensors import SensorValue, inertial_values
+from denoc_ros.model.sensors import SensorValue, inertial_values
 from denoc_ros.model.tree import Tree
 
 

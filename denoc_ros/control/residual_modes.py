@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.model.arrays import is_flexible
-from denoc_ros.model.override_elements import Value
-from denoc_ros.model.override_values import critical_damping
+from denoc_ros.model.segments import deformations
 
 MORE = 2  # modes per deformation
 SEGMENTS = 8
@@ -21,8 +21,7 @@ def without_armature(robot: Robot, joints: Sequence[str]) -> list[str]:
     """
     if not _has_beams(robot):
         return []
-    moved = [body.joint for body in robot.tree.bodies if body.joint is not None]
-    return [one.name for one in moved if one.name in joints and not one.armature]
+    return [n for n, one in robot.tree.joints.items() if n in joints and not one.armature]
 
 
 def is_hardened(robot: Robot, joints: Sequence[str]) -> bool:
@@ -63,7 +62,7 @@ def _varied(
     robot: Robot, shape: dict[str, str] | None = None, more: int = 0, segments: int = 1
 ) -> Robot:
     """Return a robot with other shapes, more modes or more segments of every beam."""
-    overrides: dict[str, Value] = {}
+    overrides: dict[str, Any] = {}
     for body in robot.tree.bodies:
         beam = body.beam
         if beam is None or not is_flexible(body) or body.segment > 1:
@@ -74,7 +73,7 @@ def _varied(
         bends = next((part for part in (beam.y, beam.z) if part is not None and part.modes), None)
         if bends is not None and shape and bends.shape in shape and not divided:
             overrides[f'{path}.shape'] = shape[bends.shape]
-        for name, part, critical in critical_damping(beam):
+        for name, part, critical in deformations(beam):
             if not part.modes:
                 continue
             ratios = [float(ratio) for ratio in part.damping / critical]

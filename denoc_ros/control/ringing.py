@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from denoc_ros.control.impulses import damped_frequency
 from denoc_ros.control.mode_table import ModeTable
 from denoc_ros.control.reaction import falling
-from denoc_ros.dynamics.held_base import held_robot
+from denoc_ros.dynamics.reacting_base import held_robot
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import SolverError, StateError
 from denoc_ros.types import Array

@@ -22,7 +22,7 @@ from denoc_ros.control.reaction import falling
 from denoc_ros.control.thrusters import on_thrusters
 from denoc_ros.control.tip import tip_motion
 from denoc_ros.control.tip_options import TipOptions
-from denoc_ros.dynamics.held_base import held_robot
+from denoc_ros.dynamics.reacting_base import held_robot
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import StateError
 from denoc_ros.types import Array

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
+from math import prod
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from denoc_ros.dynamics.robot_model import RobotModel
 from denoc_ros.dynamics.validation import same_rows
-from denoc_ros.kernels.compiled import ready
+from denoc_ros.kernels.compiled import entry
 from denoc_ros.types import Array
 
 ROWS_PER_THREAD = 64  # below that a thread costs more than it saves
@@ -35,29 +35,42 @@ def run_rows(
     robot: RobotModel,
     kernel: Any,
     count: int,
-    inputs: Sequence[Any],
-    outputs: Sequence[NDArray[Any]],
+    *arrays: Array,
 ) -> int:
-    """Run a `*_rows` kernel over all rows; return the worst status of all threads.
+    """Run a kernel of :func:`denoc_ros.kernels.states.over_rows` on the states of all rows.
 
     Parameters
     ----------
     kernel : compiled function
-    inputs, outputs : arrays that follow the handle in the kernel's arguments, rows first .. last
-        standing between them.
+    count : int
+        Number of states.
+    *arrays : (count, ...), or (m,) or (1, m) for what is the same for all states
+        What the kernel's computation reads, then what it writes; C-contiguous float64.
+
+    Returns
+    -------
+    int
+        The worst status of all rows.
     """
-    if not kernel.overloads:
-        ready(kernel)
-    chunks = max(1, min(cores(), count // ROWS_PER_THREAD))
+    rows = tuple([a if a.ndim == 2 else _as_matrix(a) for a in arrays])
+    compiled = entry(kernel)
+    return run_chunks(robot, count, lambda handle, *edges: compiled(handle, rows, *edges))
+
+
+def _as_matrix(array: Array) -> Array:
+    """Return a view (k, size) of an array (k, ...), (1, m) of a vector (m,)."""
+    return array[None] if array.ndim == 1 else array.reshape(len(array), prod(array.shape[1:]))
+
+
+def run_chunks(robot: RobotModel, count: int, run: Callable[..., int]) -> int:
+    """Return the worst status of run(handle, first, last) over rows shared out over threads."""
+    chunks = min(cores(), count // ROWS_PER_THREAD) if count > ROWS_PER_THREAD else 1
+    if chunks == 1:
+        return run(robot.handle, 0, count)
     edges = [count * k // chunks for k in range(chunks + 1)]
-
-    spaces = [robot.new_workspace() for _ in range(chunks)] if chunks > 1 else []
-
-    def run(k: int) -> int:
-        handle = spaces[k].handle if spaces else robot.handle
-        return int(kernel(handle, *inputs, edges[k], edges[k + 1], *outputs))
-
-    return max(_pool().map(run, range(chunks))) if spaces else run(0)
+    spaces = [robot.new_workspace() for _ in range(chunks)]
+    handles = [space.handle for space in spaces]
+    return max(_pool().map(run, handles, edges[:-1], edges[1:]))
 
 
 def each_row(function: Callable[..., Any], *states: Array) -> Any:

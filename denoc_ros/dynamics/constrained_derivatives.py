@@ -11,11 +11,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from denoc_ros.dynamics.base_motion import Base
-from denoc_ros.dynamics.batch import run_rows
+from denoc_ros.dynamics.batch import run_chunks
 from denoc_ros.dynamics.derivatives import DifferentiableModel
 from denoc_ros.dynamics.tree_dynamics import Wrenches
 from denoc_ros.dynamics.validation import as_outputs, as_rows, as_vector, same_rows
 from denoc_ros.kernels import constrained_derivative_layout as cdiff_
+from denoc_ros.kernels.compiled import entry
 from denoc_ros.kernels.constrained_derivatives import (
     constrained_derivatives_rows,
 )
@@ -298,8 +299,12 @@ def _find(
     if call.verb != cdiff_.HYBRID:
         rows.append(robot._zero[None] if k == 1 else np.zeros((k, n)))
     choice = np.array([call.verb, *call.actuated], dtype=np.int64)
-    inputs = (choice, *rows, _loads(robot, call.wrenches))
-    status = run_rows(robot, constrained_derivatives_rows, k, inputs, (targets,))
+    kernel, loads = entry(constrained_derivatives_rows), _loads(robot, call.wrenches)
+    status = run_chunks(
+        robot,
+        k,
+        lambda handle, first, last: kernel(handle, choice, *rows, loads, first, last, targets),
+    )
     if status != GOOD:
         # the verb itself says of the first state that has no answer why
         _values(robot, call, states)

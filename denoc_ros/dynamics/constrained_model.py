@@ -230,8 +230,4 @@ class ConstrainedModel(TreeDynamics):
         return torque, qdd, multipliers
 
     def _actuated(self, names: Sequence[str] | None) -> NDArray[np.int64]:
-        if names is None:
-            joints = [body.joint for body in self.tree.bodies if body.joint is not None]
-            followers = {joint.name for joint in joints if joint.mimic is not None}
-            names = [name for name in self.joint_names if name not in followers]
-        return self.indices(names)
+        return self.indices(self.tree.non_mimic_joints if names is None else names)

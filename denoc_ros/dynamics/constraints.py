@@ -6,6 +6,9 @@ planar loop in space has two or three of them): multipliers are then those of le
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
 import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
@@ -17,7 +20,13 @@ from denoc_ros.kernels import articulated, closure, constrained, constraint_layo
 from denoc_ros.kernels.closing import OPEN, OPENED
 from denoc_ros.kernels.compiled import entry
 from denoc_ros.kernels.constrained import CONTRADICTED
+from denoc_ros.kernels.constrained_derivatives import (
+    constraint_force_change,
+    constraint_row_rates,
+)
 from denoc_ros.kernels.handle import GOOD, MISFIT
+from denoc_ros.model.friction import Friction
+from denoc_ros.model.tree import Mimic
 from denoc_ros.types import Array
 
 Int = NDArray[np.int64]
@@ -27,6 +36,25 @@ RANK = 1e-6
 # Equations that cannot all be met contradict each other by more than this part of their terms:
 # a closed state is closed to 1e-9, torques and accelerations come from files and trajectories.
 AGREEMENT = 1e-6
+
+
+class RowDerivatives(NamedTuple):
+    """Rows J (rows, n) of constraints, those (axes, n) of loops' free axes, and their changes.
+
+    Derivatives of the rows' g'' = J q'' + J' q' by q and q', and of the free axes' rates by q.
+    """
+
+    rows: Array
+    by_q: Array
+    by_rate: Array
+    axes: Array
+    axis_rates_by_q: Array
+
+
+def row_count(robot: RobotModel) -> int:
+    """Return the number of all rows, those of free axes included."""
+    axes = int(robot.arrays.topology[0, constraint_layout.AXIS_ROWS])
+    return len(robot.constraint_names) + axes
 
 
 def closure_rows(robot: RobotModel, q: Array, qd: Array) -> Array:
@@ -41,11 +69,42 @@ def closure_rows(robot: RobotModel, q: Array, qd: Array) -> Array:
 def jacobian(robot: RobotModel, q: Array) -> tuple[Array, Array]:
     """Return J (rows, n) and the rows (axes, n) of free axes with damping or friction."""
     rows = len(robot.constraint_names)
-    out = np.empty((rows + int(robot.arrays.topology[0, constraint_layout.AXIS_ROWS]), robot.n))
+    out = np.empty((row_count(robot), robot.n))
     if not rows:
         return out, out
     robot.raise_for_status(closure.closure_jacobian(robot.handle, q, out), q=q)
     return out[:rows], out[rows:]
+
+
+def row_derivatives(robot: RobotModel, q: Array, qd: Array, qdd: Array) -> RowDerivatives:
+    """Return the rows and how their accelerations g'' change with a closed state."""
+    out = np.zeros((3, row_count(robot), robot.n))
+    hard = len(robot.constraint_names)
+    if out.size:
+        kernel = entry(constraint_row_rates)
+        robot.raise_for_status(kernel(robot.handle, q, qd, qdd, out), q=q)
+    (rows, rates, up), (axes, axis_rates, _) = out[:, :hard], out[:, hard:]
+    return RowDerivatives(rows, up, 2.0 * rates, axes, axis_rates)
+
+
+def applied_change(robot: RobotModel, q: Array, v: Array) -> Array:
+    """Return d(J v)/dq (rows, n) with v (n,) constant."""
+    return row_derivatives(robot, q, np.zeros(robot.n), v).by_q
+
+
+def transposed_change(robot: RobotModel, q: Array, weights: Array, axis_weights: Array) -> Array:
+    """Return d(J^T weights + axes^T axis_weights)/dq (n, n), both weights constant.
+
+    Each loop's weights are a wrench on its child and the opposite one on its parent: they change
+    as the frames move, and so does what they do to the coordinates.
+    """
+    change, given = np.zeros((robot.n, robot.n)), np.zeros(row_count(robot))
+    if given.size:
+        given[: len(weights)] = weights
+        given[len(weights) : len(weights) + len(axis_weights)] = axis_weights
+        kernel = entry(constraint_force_change)
+        robot.raise_for_status(kernel(robot.handle, q, given, change), q=q)
+    return -change
 
 
 def required_force(robot: RobotModel, q: Array, qd: Array, qdd: Array, axes: Array) -> Array:
@@ -59,11 +118,21 @@ def required_force(robot: RobotModel, q: Array, qd: Array, qdd: Array, axes: Arr
 
 def add_loop_friction(robot: RobotModel, qd: Array, axes: Array, force: Array) -> None:
     """Add damping and friction of the loops' own joints to a force (n,) in place."""
-    resisting = [loop for loop in robot.tree.loops if loop.damping > 0.0 or loop.friction > 0.0]
-    for loop, axis in zip(resisting, axes, strict=True):
-        rate = float(axis @ qd)
-        slip = np.tanh(rate / robot.slip_rate)
-        force += axis * (loop.damping * rate + loop.friction * slip)
+    for axis, resisting in zip(axes, axis_resistance(robot, axes, qd)[0], strict=True):
+        force += axis * resisting
+
+
+def axis_resistance(
+    robot: RobotModel, axes: Array, qd: Array, friction: bool = True
+) -> tuple[Array, Array]:
+    """Return force and slope (axes,) of damping and friction along the loops' free axes.
+
+    friction: False leaves out the slope of friction.
+    """
+    loops = [loop for loop in robot.tree.loops if loop.damping > 0.0 or loop.friction > 0.0]
+    damping, dry = np.array([(x.damping, x.friction) for x in loops]).reshape(-1, 2).T
+    rates, law = axes @ qd, Friction(damping, dry)
+    return law.force(rates), law.slope(rates) if friction else damping
 
 
 def least_solution(matrix: Array, wanted: Array) -> tuple[Array, Array]:
@@ -106,9 +175,8 @@ def constrained_dynamics(robot: RobotModel, *arrays: Array) -> int:
     if status == MISFIT:
         held, *rows = arrays
         q, qd, given, tau, qdd, multipliers = (row[None] for row in rows)
-        inputs = (held, q, qd, given, tau)
         kernel = constrained.constrained_dynamics_rows
-        status = run_rows(robot, kernel, 1, inputs, (qdd, multipliers))
+        status = run_rows(robot, kernel, 1, held, q, qd, given, tau, qdd, multipliers)
     return status
 
 
@@ -120,12 +188,14 @@ def forward(robot: RobotModel, q: Array, qd: Array, tau: Array) -> tuple[Array, 
 def forward_rows(robot: RobotModel, q: Array, qd: Array, tau: Array) -> tuple[Array, Array]:
     """Return accelerations (k, n) and multipliers (k, rows) of many states in one call."""
     qdd, multipliers = np.empty_like(q), np.zeros((len(q), len(robot.constraint_names)))
-    inputs = (np.zeros(robot.n), q, qd, np.zeros_like(q), tau)
+    none, given = np.zeros(robot.n), np.zeros_like(q)
     if multipliers.size:
-        kernel, outputs = constrained.constrained_dynamics_rows, (qdd, multipliers)
+        kernel = constrained.constrained_dynamics_rows
+        rows = [none, q, qd, given, tau, qdd, multipliers]
     else:
-        kernel, outputs = articulated.articulated_dynamics_rows, (qdd, np.empty_like(q))
-    if run_rows(robot, kernel, len(q), inputs, outputs) != GOOD:
+        kernel = articulated.articulated_dynamics_rows
+        rows = [robot.armature, none, q, qd, given, tau, qdd, np.empty_like(q)]
+    if run_rows(robot, kernel, len(q), *rows) != GOOD:
         # the first state that has no answer says why
         each_row(lambda q, qd, tau: forward(robot, q, qd, tau), q, qd, tau)
     return qdd, multipliers
@@ -217,3 +287,32 @@ def raise_status(robot: RobotModel, status: int, **arguments: Array) -> None:
         f'{robot.tree.name}: the rows of {name!r} must not contradict the others, got a singular '
         f'configuration: rank {rank}, {left} m/s^2 (or rad/s^2) left'
     )
+
+
+Int = NDArray[np.int64]
+
+
+def mimic_ties(
+    robot: RobotModel, joints: Sequence[str] | None, held: Mapping[str, float]
+) -> tuple[Array, Array, tuple[str, ...]]:
+    """Return T (all joints, driven) and c (all joints,) of q_all = T q + c, and the driven names.
+
+    Raises
+    ------
+    StateError
+        A driven joint is unknown, repeated or a mimic; a mimic's leader is unknown.
+    """
+    free, mimics = list(robot.tree.non_mimic_joints), robot.tree.mimics
+    driven = tuple(joints) if joints is not None else tuple(free)
+    if len(set(driven)) != len(driven) or not set(driven) <= set(free):
+        raise StateError(f'driven joints must be different ones of {free}, got {list(driven)}')
+    constraints = np.zeros((len(robot.joint_names), len(driven)))
+    offsets = np.zeros(len(robot.joint_names))
+    for row, name in enumerate(robot.joint_names):
+        mimic = mimics.get(name, Mimic(name, 1.0, 0.0))
+        if mimic.leader in driven:
+            constraints[row, driven.index(mimic.leader)] = mimic.multiplier
+            offsets[row] = mimic.offset
+        else:
+            offsets[row] = mimic.multiplier * held.get(mimic.leader, 0.0) + mimic.offset
+    return constraints, offsets, driven

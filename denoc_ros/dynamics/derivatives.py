@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,9 +11,8 @@ from numpy.typing import ArrayLike
 from denoc_ros.dynamics.base_motion import Base
 from denoc_ros.dynamics.batch import run_rows
 from denoc_ros.dynamics.constrained_model import ConstrainedModel
-from denoc_ros.dynamics.tree_dynamics import Wrenches
+from denoc_ros.dynamics.tree_dynamics import KernelOperation, Wrenches
 from denoc_ros.dynamics.validation import (
-    as_output,
     as_outputs,
     as_rows,
     as_vector,
@@ -25,8 +24,8 @@ from denoc_ros.kernels import (
     inverse_derivatives,
     load_derivatives,
 )
-from denoc_ros.kernels.compiled import entry, ready
-from denoc_ros.kernels.handle import GOOD, MISFIT
+from denoc_ros.kernels.compiled import entry
+from denoc_ros.kernels.handle import GOOD
 from denoc_ros.types import Array
 
 Derivatives = tuple[Array, Array, Array]
@@ -62,33 +61,16 @@ class HybridDerivatives(NamedTuple):
     inverse_inertia: Array
 
 
-class _Deferred:
-    """A kernel that compiles when it is called first.
-
-    Parameters
-    ----------
-    kernel : dispatcher
-
-    Attributes
-    ----------
-    call : callable
-        Calls the compiled function.
-    """
-
-    __slots__ = ('_kernel', 'call')
-
-    def __init__(self, kernel: Any) -> None:
-        self._kernel = kernel
-        self.call: Callable[..., int] = self._first
-
-    def _first(self, *arguments: Any) -> int:
-        ready(self._kernel)
-        self.call = entry(self._kernel)
-        return self.call(*arguments)
-
-
-_INVERSE = _Deferred(inverse_derivatives.inverse_dynamics_derivatives)
-_FORWARD = _Deferred(forward_derivatives.forward_dynamics_derivatives)
+INVERSE = KernelOperation(
+    inverse_derivatives.inverse_dynamics_derivatives,
+    inverse_derivatives.inverse_dynamics_derivatives_rows,
+    lambda n: ((n, n),) * 3,
+)
+FORWARD = KernelOperation(
+    forward_derivatives.forward_dynamics_derivatives,
+    forward_derivatives.forward_dynamics_derivatives_rows,
+    INVERSE.shapes,
+)
 
 
 class DifferentiableModel(ConstrainedModel):
@@ -139,11 +121,11 @@ class DifferentiableModel(ConstrainedModel):
             result = (_empty(self._square), _empty(self._square), _empty(self._square))
         else:
             result = _three(out)
-        status = _INVERSE.call(self.handle, q, qd, qdd, *result)
+        status = entry(INVERSE.kernel)(self.handle, q, qd, qdd, *result)
         if status != GOOD:
             arguments = {'q': q, 'qd': qd, 'qdd': qdd}
-            rows = inverse_derivatives.inverse_dynamics_derivatives_rows
-            result = self._settle_derivatives(status, rows, arguments, out, result, check)
+            a, b, c = self._settle(status, INVERSE, arguments, out, result, check)
+            result = (a, b, c)
         if wrenches:
             self._subtract_loads(as_rows('q', q, self.n), wrenches, result[0])
         return result
@@ -185,11 +167,11 @@ class DifferentiableModel(ConstrainedModel):
             result = (_empty(self._square), _empty(self._square), _empty(self._square))
         else:
             result = _three(out)
-        status = _FORWARD.call(self.handle, q, qd, tau, *result)
+        status = entry(FORWARD.kernel)(self.handle, q, qd, tau, *result)
         if status != GOOD:
             arguments = {'q': q, 'qd': qd, 'tau': tau}
-            rows = forward_derivatives.forward_dynamics_derivatives_rows
-            result = self._settle_derivatives(status, rows, arguments, out, result, check)
+            a, b, c = self._settle(status, FORWARD, arguments, out, result, check)
+            result = (a, b, c)
         if load is not None:
             result[0][...] += result[2] @ load
         return result
@@ -260,7 +242,7 @@ class DifferentiableModel(ConstrainedModel):
         states[:, 0], states[:, 1], states[:, 2], states[:, 3] = rows[0], rows[1], 0.0, rows[3]
         states[:, 2, index] = rows[2]
         kernel = forward_derivatives.hybrid_dynamics_derivatives_rows
-        status = run_rows(self, kernel, k, (split.flags, states), (buffer,))
+        status = run_rows(self, kernel, k, split.flags, states, buffer)
         self._raise_for_status(status, check, q=q, qd=qd, qdd_joints=qdd_joints, tau=force)
         if wrenches:
             by_q, _, driven, _ = buffer[:, : 4 * n * n].reshape(k, 4, n, n).swapaxes(0, 1)
@@ -281,40 +263,15 @@ class DifferentiableModel(ConstrainedModel):
         self._subtract_loads(q, wrenches, out)
         return -out
 
-    def _settle_derivatives(
-        self,
-        status: int,
-        rows_kernel: Any,
-        arguments: dict[str, ArrayLike],
-        out: Sequence[Array] | None,
-        result: Derivatives,
-        check: bool,
-    ) -> Derivatives:
-        """Return a derivative on the slow path: batches, conversions, errors."""
-        n = self.n
-        arrays = {name: as_rows(name, value, n) for name, value in arguments.items()}
-        if status == MISFIT:
-            rows = same_rows(list(arrays.values()))
-            k = len(rows[0])
-            single = all(array.ndim == 1 for array in arrays.values())
-            shape = (n, n) if single else (k, n, n)
-            given = (None, None, None) if out is None else _three(out)
-            a, b, c = (as_output(one, shape) for one in given)
-            result = (a, b, c)
-            flat = [one.reshape(k, n, n) for one in result]
-            status = run_rows(self, rows_kernel, k, rows, flat)
-        self._raise_for_status(status, check, **arrays)
-        return result
-
     def _subtract_loads(self, q: Array, wrenches: Wrenches, out: Array) -> None:
         """Subtract the derivative by q of the loads from out (n, n) or (k, n, n)."""
         count = out.shape[0] if out.ndim == 3 else 1
         rows = np.array(np.broadcast_to(q, (count, self.n)))
         for frame, wrench in wrenches.items():
-            inputs = (rows, self._row(frame), as_vector('wrench', wrench, (6,)))
+            loaded = np.array([self._row(frame), *as_vector('wrench', wrench, (6,))])
             flat = out.reshape(count, self.n, self.n)
             kernel = load_derivatives.subtract_load_rows
-            self.raise_for_status(run_rows(self, kernel, count, inputs, (flat,)), q=q)
+            self.raise_for_status(run_rows(self, kernel, count, rows, loaded, flat), q=q)
 
 
 def _three(out: Sequence[Array]) -> Derivatives:

@@ -8,9 +8,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from denoc_ros.dynamics.constraints import RANK, add_loop_friction, closure_rows, jacobian
-from denoc_ros.dynamics.mimic_joints import mimic_ties
-from denoc_ros.dynamics.mobility import rank_of
+from denoc_ros.dynamics.assembling import rank_of
+from denoc_ros.dynamics.constraints import (
+    RANK,
+    add_loop_friction,
+    closure_rows,
+    jacobian,
+    mimic_ties,
+)
 from denoc_ros.errors import SolverError, StateError
 from denoc_ros.model.tree import JointKind, Tree
 from denoc_ros.types import Array
@@ -146,8 +151,8 @@ class LoopedMotion(DrivenMotion):
         self.given = tuple(name for name, place in names if place not in self.bound)
         self._picked = [robot.joint_names.index(name) for name in self.given]
         self._least: Array = np.zeros((len(self.bound), len(self._rows)))
-        kinds = {b.joint.name: b.joint.kind for b in robot.tree.bodies if b.joint is not None}
-        self._turning = np.array([kinds[name] is JointKind.REVOLUTE for name in self.joints])
+        kinds = [robot.tree.joints[name].kind for name in self.joints]
+        self._turning = np.array([kind is JointKind.REVOLUTE for kind in kinds])
         self._apart = self._outside_of_loops()
         self._linearize(self.posture)
 

@@ -1,4 +1,4 @@
-"""Equilibrium of the undriven coordinates, found once and then followed along a motion."""
+"""Equilibrium of the undriven coordinates, followed along a motion; their response to forces."""
 
 from __future__ import annotations
 
@@ -10,10 +10,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from denoc_ros.dynamics.constraints import RANK, closure_rows, jacobian
 from denoc_ros.dynamics.derivatives import DifferentiableModel
-from denoc_ros.dynamics.linearization import stiffness
+from denoc_ros.dynamics.natural_modes import stiffness
 from denoc_ros.dynamics.springs import half_play
 from denoc_ros.dynamics.validation import as_vector
 from denoc_ros.errors import SolverError
+from denoc_ros.kernels.compiled import ready
+from denoc_ros.kernels.inverse_derivatives import inverse_dynamics_derivatives
+from denoc_ros.kernels.load_derivatives import subtract_load_rows
 from denoc_ros.types import Array
 
 Int = NDArray[np.int64]
@@ -78,6 +81,8 @@ class Equilibrium:
         self._inverse: Array = np.zeros((size, size))
         self._loose = np.flatnonzero(half_play(robot))
         self._found = self._unsettled = False
+        # a search in a loop waits for no compiler
+        ready(inverse_dynamics_derivatives, *([subtract_load_rows] if wrenches else []))
 
     def forget(self) -> None:
         """Discard the tangent: the followed equilibrium is no longer nearby."""
@@ -182,3 +187,37 @@ class Equilibrium:
         q[free] -= change[:count]
         self._multipliers -= change[count:]
         return float(np.abs(change[:count]).max() / (1e-3 + np.abs(q[free]).max()))
+
+
+def response(robot: DifferentiableModel, q: Array, free: Int) -> Array:
+    """Return the accelerations (f, f) of the free coordinates by unit forces on them.
+
+    Loops stay closed and mimic joints on their leaders: the inverse of I_FF, less what the
+    multipliers take back, I_FF^-1 J^T (J I_FF^-1 J^T)^+ J I_FF^-1.
+    """
+    inverse = np.linalg.inv(robot.inertia_matrix(q, check=False)[np.ix_(free, free)])
+    rows = jacobian(robot, q)[0][:, free]
+    if rows.any():
+        spread = rows @ inverse
+        products = np.linalg.pinv(spread @ rows.T, rcond=RANK**2, hermitian=True)
+        inverse -= spread.T @ products @ spread
+    return np.asarray(inverse, dtype=np.float64)
+
+
+def impulse_response(robot: DifferentiableModel, q: Array, free: Int, jump: Array) -> Array:
+    """Return the jump (n,) of all rates where some are made to jump and the free ones answer.
+
+    Parameters
+    ----------
+    robot : Robot
+    q : (n,)
+    free : (f,) int array
+        Coordinates that no impulse acts on.
+    jump : (n,)
+        One that obeys the loops; what it has of free coordinates does not matter otherwise.
+    """
+    answer: Array = jump.copy()
+    if len(free):
+        momentum = robot.inertia_matrix(q, check=False)[free] @ jump
+        answer[free] -= response(robot, q, free) @ momentum
+    return answer

@@ -15,7 +15,7 @@ from denoc_ros.dynamics.reacting_base import ReactingBase
 from denoc_ros.dynamics.stepper import Stepper
 from denoc_ros.errors import SolverError, StateError
 from denoc_ros.kernels.handle import DAMPING, FRICTION
-from denoc_ros.model.arrays import SLIP_RATE
+from denoc_ros.model.friction import Friction
 from denoc_ros.types import Array
 
 if TYPE_CHECKING:
@@ -139,8 +139,8 @@ class TorqueFeedforward:
         self._state, self._full, self._part = np.zeros((3, n))
         self._result = np.zeros(len(self.joints))
         diagonals = robot.arrays.diagonals
-        self._damping = diagonals[DAMPING][self._index].copy()
-        self._friction = diagonals[FRICTION][self._index].copy()
+        viscous, coulomb = diagonals[[DAMPING, FRICTION]][:, self._index]
+        self._friction = Friction(viscous, coulomb)
         self._given, self._change = np.zeros((2, len(self.motion.given)))
         whole = all(getattr(self.terms, name) for name in Terms.names())
         # what moves the amplitudes then gives the torque as well
@@ -353,12 +353,8 @@ class TorqueFeedforward:
             inverse(q, zero, zero, out=part, check=False)
             full += part if terms.gravity else -part
         if terms.friction != terms.coriolis:
-            friction = self._joint_friction(qd[self._index])
+            friction = self._friction.force(qd[self._index])
             full[self._index] += -friction if terms.coriolis else friction
         if terms.friction:
             self.motion.add_friction(qd, full)
         return self.motion.reduce(full, self._result)
-
-    def _joint_friction(self, rate: Array) -> Array:
-        friction: Array = self._damping * rate + self._friction * np.tanh(rate / SLIP_RATE)
-        return friction

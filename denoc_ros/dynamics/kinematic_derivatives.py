@@ -2,36 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
 from numpy.typing import ArrayLike
 
 from denoc_ros.dynamics import structure
 from denoc_ros.dynamics.base_motion import Base
 from denoc_ros.dynamics.batch import run_rows
-from denoc_ros.dynamics.component_section import AnySection
-from denoc_ros.dynamics.segmented_section import SegmentedSection
-from denoc_ros.dynamics.tree_dynamics import KernelOperation, TreeDynamics
+from denoc_ros.dynamics.section import AnySection, SegmentedSection
+from denoc_ros.dynamics.tree_dynamics import TreeDynamics
 from denoc_ros.dynamics.validation import as_output, as_states, same_rows
 from denoc_ros.errors import StateError
 from denoc_ros.kernels import frame_motion
-from denoc_ros.kernels.compiled import ready
 from denoc_ros.types import Array
-
-MOTION = KernelOperation(
-    frame_motion.frame_motion, frame_motion.frame_motion_rows, lambda n: (2, 6)
-)
-JACOBIAN_RATE = KernelOperation(
-    frame_motion.frame_jacobian_rate, frame_motion.frame_jacobian_rate_rows, lambda n: (6, n)
-)
-VELOCITY = KernelOperation(
-    frame_motion.frame_velocity_derivatives,
-    frame_motion.frame_velocity_derivatives_rows,
-    lambda n: (2, 6, n),
-)
-ACCELERATION = KernelOperation(
-    frame_motion.frame_acceleration_derivatives,
-    frame_motion.frame_acceleration_derivatives_rows,
-    lambda n: (3, 6, n),
-)
 
 
 class KinematicDerivatives(TreeDynamics):
@@ -80,7 +65,8 @@ class KinematicDerivatives(TreeDynamics):
                 lambda q, qd, qdd, out=None: self.frame_motion(frame, q, qd, qdd, out),
                 q, qd, self._zero if qdd is None else qdd, out=out,
             )  # fmt: skip
-        return self._of_motion(MOTION, frame, q, qd, qdd, out)
+        states = (q, qd, self._zero if qdd is None else qdd)
+        return self._of_motion(frame_motion.frame_motion_rows, (2, 6), frame, states, out)
 
     def frame_jacobian_rate(
         self, frame: str, q: ArrayLike, qd: ArrayLike, out: Array | None = None
@@ -89,7 +75,8 @@ class KinematicDerivatives(TreeDynamics):
 
         Parameters and errors as in :meth:`frame_motion`.
         """
-        return self._of_motion(JACOBIAN_RATE, frame, q, qd, None, out)
+        kernel = frame_motion.frame_jacobian_rate_rows
+        return self._of_motion(kernel, (6, self.n), frame, (q, qd), out)
 
     def frame_velocity_derivatives(
         self, frame: str, q: ArrayLike, qd: ArrayLike, out: Array | None = None
@@ -103,7 +90,8 @@ class KinematicDerivatives(TreeDynamics):
         dv/dq' is the Jacobian. dv/dq is its rate but for omega, where columns T of the Jacobian
         do not commute: domega/dq_j = T_j' + T_j x omega.
         """
-        made = self._of_motion(VELOCITY, frame, q, qd, None, out)
+        kernel = frame_motion.frame_velocity_derivatives_rows
+        made = self._of_motion(kernel, (2, 6, self.n), frame, (q, qd), out)
         return made[..., 0, :, :], made[..., 1, :, :]
 
     def frame_acceleration_derivatives(
@@ -119,7 +107,8 @@ class KinematicDerivatives(TreeDynamics):
         Parameters and errors as in :meth:`frame_motion`; of rows (k, 6, n) each, out is
         (3, 6, n) or (k, 3, 6, n). That by q'' is the Jacobian.
         """
-        made = self._of_motion(ACCELERATION, frame, q, qd, qdd, out)
+        kernel = frame_motion.frame_acceleration_derivatives_rows
+        made = self._of_motion(kernel, (3, 6, self.n), frame, (q, qd, qdd), out)
         return made[..., 0, :, :], made[..., 1, :, :], made[..., 2, :, :]
 
     def section(self, link: str, station: float | None = None) -> tuple[AnySection, slice]:
@@ -183,24 +172,20 @@ class KinematicDerivatives(TreeDynamics):
 
     def _of_motion(
         self,
-        verb: KernelOperation,
+        kernel: Any,
+        shape: tuple[int, ...],
         frame: str,
-        q: ArrayLike,
-        qd: ArrayLike,
-        qdd: ArrayLike | None,
+        states: Sequence[ArrayLike],
         out: Array | None,
     ) -> Array:
-        """Call a kernel on a frame's motion, at one state or many."""
-        row, n = self._row(frame), self.n
-        given = self._zero if qdd is None else as_states('qdd', qdd, n)
-        states = [as_states('q', q, n), as_states('qd', qd, n), given]
-        if all(state.ndim == 1 for state in states):
-            if not verb.kernel.overloads:  # type: ignore[attr-defined]
-                ready(verb.kernel)
-            out = as_output(out, verb.shape(n))
-            verb.kernel(self.handle, *states, row, out)
-            return out
-        states = same_rows(states)
-        out = as_output(out, (len(states[0]), *verb.shape(n)))
-        run_rows(self, verb.rows, len(states[0]), (*states, row), (out,))
+        """Call a kernel on a frame's motion q, q' (and q''), at one state or many."""
+        named = zip(('q', 'qd', 'qdd'), states, strict=False)
+        arrays = [as_states(name, state, self.n) for name, state in named]
+        arrays += [self._zero] * (3 - len(arrays))
+        single = all(array.ndim == 1 for array in arrays)
+        rows = [array[None] for array in arrays] if single else same_rows(arrays)
+        count = len(rows[0])
+        out = as_output(out, shape if single else (count, *shape))
+        row = np.array([float(self._row(frame))])
+        run_rows(self, kernel, count, *rows, row, out[None] if single else out)
         return out

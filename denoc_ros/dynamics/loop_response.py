@@ -9,10 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from denoc_ros.dynamics.linear_model import LinearModel
-from denoc_ros.dynamics.linear_signals import POSE
-from denoc_ros.dynamics.mechanism_modes import independent_joints
+from denoc_ros.dynamics.linearize import POSE
+from denoc_ros.dynamics.natural_modes import independent_joints
 from denoc_ros.errors import StateError
-from denoc_ros.model.tree import JointKind
 from denoc_ros.types import Array
 
 if TYPE_CHECKING:
@@ -209,12 +208,11 @@ def _one_output(
     robot: Robot, q: Array, drive: str, output: str, locked: list[str]
 ) -> tuple[LinearModel, str]:
     """Return a model of one input and one output, and the unit of its response."""
-    kinds = {body.joint.name: body.joint.kind for body in robot.tree.bodies if body.joint}
-    slides = kinds[drive] is JointKind.PRISMATIC
-    per = 'N' if slides else 'N m'
+    joints = robot.tree.joints
+    per = joints[drive].effort_unit
     frame, slash, part = output.rpartition('/')
-    if output in kinds:
-        named, unit = output, 'm' if kinds[output] is JointKind.PRISMATIC else 'rad'
+    if output in joints:
+        named, unit = output, joints[output].unit
     elif output in {sensor.name for sensor in robot.tree.sensors}:
         named, unit = output, '1'
     elif slash and frame in robot.tree.frames and part in POSE:

@@ -12,12 +12,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from denoc_ros.dynamics.gear_springs import GearSprings, deflection
 from denoc_ros.dynamics.robot import Robot
-from denoc_ros.dynamics.springs import elasticity
+from denoc_ros.dynamics.springs import GearSprings, deflection, elasticity
 from denoc_ros.model.coordinates import names, spring_name
+from denoc_ros.model.friction import Friction
 from denoc_ros.model.link_side import is_measured_behind, motors_behind, seen_from_links
-from denoc_ros.model.tree import Joint, Tree
+from denoc_ros.model.tree import Tree
 from denoc_ros.types import Array
 
 
@@ -64,9 +64,8 @@ class MeasuredStates:
     """
 
     def __init__(self, robot: Robot, joints: Sequence[str] | None = None) -> None:
-        described = {body.joint.name: body.joint for body in robot.tree.bodies if body.joint}
         names_of = robot.joint_names if joints is None else joints
-        behind = [is_measured_behind(described[name]) for name in names_of]
+        behind = [is_measured_behind(robot.tree.joints[name]) for name in names_of]
         self._robot = robot
         self._joints = np.flatnonzero(behind)
         self._index = np.asarray(robot.indices(names_of), dtype=np.intp)
@@ -115,7 +114,7 @@ class WholeCoordinates:
 
     def __init__(self, robot: Robot) -> None:
         seen = isinstance(robot, MeasuredRobot)
-        joints = [body.joint for body in robot.tree.bodies if body.joint is not None]
+        joints = robot.tree.joints.values()
         behind = [joint for joint in joints if seen and is_measured_behind(joint)]
         self.springs = [joint.spring for joint in behind if joint.spring is not None]
         self.hidden = tuple(joint.name for joint in behind)
@@ -172,8 +171,7 @@ class MotorSide:
     """
 
     def __init__(self, robot: Robot, joints: Sequence[str]) -> None:
-        described: dict[str, Joint] = {b.joint.name: b.joint for b in robot.tree.bodies if b.joint}
-        behind = [described[name] for name in joints]
+        behind = [robot.tree.joints[name] for name in joints]
         self._at = np.array(
             [k for k, joint in enumerate(behind) if is_measured_behind(joint)], dtype=int
         )
@@ -184,11 +182,11 @@ class MotorSide:
         hidden = self._whole.hidden
         self._places = np.array([hidden.index(joint.name) for joint in motors], dtype=int)
         self._wound = np.zeros(len(hidden))
-        self._slip_rate = robot.slip_rate
-        self._armature, self._viscous, self._friction = (
+        self._armature, viscous, coulomb = (
             np.array([getattr(joint, name) for joint in motors])
             for name in ('armature', 'damping', 'friction')
         )
+        self._friction = Friction(viscous, coulomb)
 
     @property
     def any(self) -> bool:
@@ -276,8 +274,7 @@ class MotorSide:
         """Torque of the motors' own inertia and friction."""
         needed = np.zeros_like(rate)
         if friction:
-            needed += self._viscous * rate
-            needed += self._friction * np.tanh(rate / self._slip_rate)
+            needed += self._friction.force(rate)
         if inertia:
             needed += self._armature * acceleration
         return needed

@@ -1,23 +1,34 @@
-"""Which of a model's numbers a dotted path changes, and by how much per unit of its value."""
+"""Numbers of a robot in which its forces are linear: columns of the regressor, live changes."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from denoc_ros.dynamics.robot_model import RobotModel
+from denoc_ros.dynamics.base_motion import Base
+from denoc_ros.dynamics.robot_model import Held, RobotModel
+from denoc_ros.dynamics.tree_dynamics import TreeDynamics
 from denoc_ros.errors import ConfigError
 from denoc_ros.kernels import layout
-from denoc_ros.model.arrays import inertia_row
+from denoc_ros.model.arrays import inertia_row, is_flexible, rigid_inertia
+from denoc_ros.model.friction import slip
 from denoc_ros.model.inertia import from_centre, moved
-from denoc_ros.model.override_elements import SPRING_FIELDS, joint_fields
-from denoc_ros.model.override_values import critical_damping
-from denoc_ros.model.overrides import carrying_links, damping_names
-from denoc_ros.model.segments import whole_beams
-from denoc_ros.model.tree import Beam, Deformation, RigidInertia
+from denoc_ros.model.numbers import (
+    JOINT_FIELDS,
+    RIGIDITIES,
+    SPRING_FIELDS,
+    ElasticNumber,
+    Number,
+    numbers_of,
+    own_path,
+    some_of,
+)
+from denoc_ros.model.payloads import carrying_links, payloads_of
+from denoc_ros.model.segments import PARTS, whole_beams
+from denoc_ros.model.tree import Beam, RigidInertia
 from denoc_ros.types import Array
 
 Int = NDArray[np.int64]
@@ -25,18 +36,20 @@ Int = NDArray[np.int64]
 WHERE = 'torque regressor'
 # in the order of the rows of a model's diagonals
 DIAGONAL_TERMS = ('stiffness', 'damping', 'friction', 'armature')
-MOMENTS = {
-    'ixx': (0, 0),
-    'ixy': (0, 1),
-    'ixz': (0, 2),
-    'iyy': (1, 1),
-    'iyz': (1, 2),
-    'izz': (2, 2),
-}
-OF_SPRINGS = {'stiffness': 'stiffness', 'spring_damping': 'damping'}
-AXES = ('x', 'y', 'z')
-PARTS = ('y', 'z', 'torsion')
+NO_CONSTANTS: Int = np.zeros(0, dtype=np.int64)
 NOT_LINEAR = 'be a number in which torque is linear'
+KINDS = ('beam', 'flexible', 'joint', 'payload', 'link', 'damping')
+INERTIAL = (
+    'mass', 'first_moment.x', 'first_moment.y', 'first_moment.z',
+    'inertia.ixx', 'inertia.ixy', 'inertia.ixz', 'inertia.iyy', 'inertia.iyz', 'inertia.izz',
+)  # fmt: skip
+OF_PAYLOADS = [field for field in INERTIAL if not field.startswith('first_moment')]
+# of the numbers that change live, the last parts of their paths
+LIVE_FIELDS = {
+    'beam': (*RIGIDITIES, 'damping_ratio'),
+    'joint': (*JOINT_FIELDS, 'stiffness'),
+    'payload': ('mass',),
+}
 
 
 @dataclass(frozen=True)
@@ -64,25 +77,19 @@ def find_columns(robot: RobotModel, paths: Sequence[str]) -> list[Column]:
     ConfigError
         With every path that gives none.
     """
-    names, columns, findings = damping_names(robot.tree), [], []
-    finders = {
-        'beam': _beam,
-        'flexible': _flexible,
-        'joint': _joint,
-        'payload': _payload,
-        'link': _link,
-    }
+    numbers, columns, findings = modelled_numbers(robot), [], []
     for path in paths:
-        kind, _, rest = names.get(path, path).partition('.')
         try:
-            if kind not in finders:
-                starts = ', '.join(f'{name}.' for name in (*finders, 'damping'))
-                raise _Unfit(f'start with one of {starts}, got {path!r}')
-            columns.append(finders[kind](robot, rest))
+            columns.append(_column(robot, numbers, own_path(path, numbers)))
         except _Unfit as unfit:
             findings.append(f'path {path!r}: must {unfit}')
     ConfigError.raise_any(WHERE, findings)
     return columns
+
+
+def modelled_numbers(robot: RobotModel) -> dict[str, Number]:
+    """Return the numbers of the part of a robot that is modelled, by path."""
+    return numbers_of(robot._modelled(robot.tree))
 
 
 def beam_constants(row: Int) -> slice:
@@ -98,72 +105,64 @@ def _known(exist: Sequence[str]) -> _Unfit:
     return _Unfit(f'be one that the robot has ({listed}), got another')
 
 
-def _diagonal(robot: RobotModel, term: str, index: int | slice, values: Array | float) -> Column:
+def _column(robot: RobotModel, numbers: dict[str, Number], path: str) -> Column:
+    kind, _, rest = path.partition('.')
+    number = numbers.get(path)
+    if number is not None and number.term in DIAGONAL_TERMS:
+        return _diagonal(robot, number)
+    if kind == 'beam':
+        return _beam(robot, numbers, rest)
+    if kind in ('link', 'payload'):
+        return _inertial(robot, kind, rest)
+    if kind == 'joint' and number is not None:
+        field = rest.rpartition('.')[2]
+        raise _Unfit(f'{NOT_LINEAR}, got {field} of a spring with backlash or stiffness3')
+    if kind == 'joint':
+        known = []
+        for joint in robot.joint_names:
+            springs = SPRING_FIELDS if robot.tree.joints[joint].spring is not None else ()
+            known.append(f'joint.{joint}.<{"|".join((*JOINT_FIELDS, *springs))}>')
+        raise _known(known)
+    if kind == 'flexible':
+        flexible = [body.name for body in robot.tree.bodies if body.modes is not None]
+        raise _known([f'flexible.{each}.<stiffness|damping|damping_ratio>' for each in flexible])
+    kinds = ', '.join(f'{name}.' for name in KINDS)
+    raise _Unfit(f'start with one of {kinds}, got {path!r}')
+
+
+def _diagonal(robot: RobotModel, number: Number) -> Column:
     column = np.zeros(robot.n)
-    column[index] = values
-    return Column(term, column, np.zeros(0, dtype=np.int64))
+    column[list(number.coordinates)] = number.per_unit(robot.tree)
+    return Column(number.term, column, NO_CONSTANTS)
 
 
-# joints -----------------------------------------------------------------------------------------
-
-
-def _joint(robot: RobotModel, rest: str) -> Column:
-    name, _, field = rest.rpartition('.')
-    described = {body.joint.name: body.joint for body in robot.tree.bodies if body.joint}
-    joint = described.get(name)
-    spring = None if joint is None else joint.spring
-    if name not in robot.joint_names or field not in joint_fields(spring):
-        known = [(joint, joint_fields(described[joint].spring)) for joint in robot.joint_names]
-        raise _known([f'joint.{joint}.<{"|".join(fields)}>' for joint, fields in known])
-    index = int(robot.joint_indices[robot.joint_names.index(name)])
-    if spring is not None and field in SPRING_FIELDS:
-        if field not in OF_SPRINGS or (field == 'stiffness' and spring.backlash > 0.0):
-            raise _Unfit(f'{NOT_LINEAR}, got {field} of a spring with backlash or stiffness3')
-        return _diagonal(robot, OF_SPRINGS[field], index + 1, 1.0)
-    return _diagonal(robot, field, index, 1.0)
-
-
-# beams ------------------------------------------------------------------------------------------
-
-
-def _beam(robot: RobotModel, rest: str) -> Column:
-    """Return the column of `<link>.<y|z|torsion>.<field>[.<mode>]` or `<link>.mass_per_length`."""
+def _beam(robot: RobotModel, numbers: dict[str, Number], rest: str) -> Column:
+    """Return the column of `<link>.mass_per_length`, a polar inertia, or of a single mode."""
+    start, _, last = rest.rpartition('.')
     for whole in whole_beams(robot.tree):
-        if not rest.startswith(f'{whole.link}.'):
-            continue
-        parts = rest[len(whole.link) + 1 :].split('.')
         bodies = list(enumerate(whole.beams, whole.first))
-        if parts == ['mass_per_length']:
+        if rest == f'{whole.link}.mass_per_length':
             return _together([_mass_per_length(robot, i, beam) for i, beam in bodies])
-        bent = parts[0] in PARTS and getattr(whole.segment, parts[0]) is not None
-        if bent and len(parts) > 1:
-            return _together([_deformation(robot, i, beam, parts) for i, beam in bodies])
-    raise _known(_beam_paths(robot))
-
-
-def _flexible(robot: RobotModel, rest: str) -> Column:
-    """Return the column of `<link>.<stiffness|damping|damping_ratio>` of component modes."""
-    link, _, field = rest.rpartition('.')
-    for index, body in enumerate(robot.tree.bodies):
-        if body.name != link or (modes := body.modes) is None:
-            continue
-        row = robot.arrays.topology[robot.arrays.body_rows[index]].astype(int)
-        first = int(row[layout.COORDINATE] + row[layout.JOINT])
-        own = slice(first, first + modes.count)
-        if field == 'stiffness':
-            return _diagonal(robot, 'stiffness', own, modes.link.stiffness)
-        if field == 'damping':
-            return _diagonal(robot, 'damping', own, 1.0)
-        if field == 'damping_ratio':
-            return _diagonal(robot, 'damping', own, modes.critical_damping)
-    flexible = [body.name for body in robot.tree.bodies if body.modes is not None]
-    raise _known([f'flexible.{each}.<stiffness|damping|damping_ratio>' for each in flexible])
+        if rest == f'{whole.link}.torsion.polar_inertia' and whole.segment.torsion is not None:
+            return _together([_polar_inertia(robot, i, beam) for i, beam in bodies])
+        parts = [name for name in PARTS if getattr(whole.segment, name) is not None]
+        if rest in [f'{whole.link}.{name}.modes' for name in parts]:
+            raise _Unfit(f'{NOT_LINEAR}, got the number of modes')
+    number = numbers.get(f'beam.{start}')
+    if not isinstance(number, ElasticNumber) or number.term != 'damping':
+        raise _known(_beam_paths(robot))
+    if number.attribute == 'damping_ratio' and number.segments > 1:
+        raise _Unfit("end with damping_ratio, one for a link of segments, got a mode's")
+    modes = len(number.coordinates) // number.segments
+    if not last.isdecimal() or not 1 <= int(last) <= modes:
+        raise _Unfit(f'end with a mode from 1 to {modes}, got {last!r}')
+    own = number.coordinates[int(last) - 1 :: modes]
+    values = _diagonal(robot, number).values
+    return Column('damping', np.where(np.isin(np.arange(robot.n), own), values, 0.0), NO_CONSTANTS)
 
 
 def _together(columns: Sequence[Column]) -> Column:
-    """Return the column of a number that a link's segments have in common."""
-    if columns[0].term != 'inertia':
-        return replace(columns[0], values=np.sum([each.values for each in columns], axis=0))
+    """Return the column of an inertia that a link's segments have in common."""
     values, constants = zip(*((each.values, each.constants) for each in columns), strict=True)
     return Column('inertia', np.concatenate(values), np.concatenate(constants))
 
@@ -177,38 +176,6 @@ def _beam_paths(robot: RobotModel) -> list[str]:
                 known.append(f'beam.{whole.link}.{name}.<{own}|damping|damping_ratio>')
         known.append(f'beam.{whole.link}.mass_per_length')
     return known
-
-
-def _deformation(robot: RobotModel, i: int, beam: Beam, parts: Sequence[str]) -> Column:
-    name, field = parts[0], parts[1]
-    part: Deformation = getattr(beam, name)
-    if field == 'modes':
-        raise _Unfit(f'{NOT_LINEAR}, got the number of modes')
-    if name == 'torsion' and field == 'polar_inertia' and len(parts) == 2:
-        return _polar_inertia(robot, i, beam)
-    row = robot.arrays.topology[robot.arrays.body_rows[i]].astype(int)
-    before = sum(beam.modes[: PARTS.index(name)])
-    first = int(row[layout.COORDINATE] + row[layout.JOINT]) + before
-    per_unit = part.modal_stiffness / part.stiffness
-    if field == ('gj' if name == 'torsion' else 'ei') and len(parts) == 2:
-        return _diagonal(robot, 'stiffness', slice(first, first + part.modes), per_unit)
-    if field not in ('damping', 'damping_ratio') or len(parts) > 3:
-        raise _known(_beam_paths(robot))
-    per_unit = np.ones(part.modes)
-    if field == 'damping_ratio':
-        per_unit = next(each for found, _, each in critical_damping(beam) if found == name)
-        if beam.segments > 1 and len(parts) == 3:
-            raise _Unfit("end with damping_ratio, one for a link of segments, got a mode's")
-    if len(parts) == 3:
-        per_unit = per_unit * _mode(parts[2], part.modes)
-    return _diagonal(robot, 'damping', slice(first, first + part.modes), per_unit)
-
-
-def _mode(text: str, modes: int) -> Array:
-    """Return the flags (modes,) of one mode, given as in the names of coordinates."""
-    if not text.isdecimal() or not 1 <= int(text) <= modes:
-        raise _Unfit(f'end with a mode from 1 to {modes}, got {text!r}')
-    return np.asarray(np.arange(1, modes + 1) == int(text), dtype=np.float64)
 
 
 def _mass_per_length(robot: RobotModel, i: int, beam: Beam) -> Column:
@@ -235,51 +202,28 @@ def _polar_inertia(robot: RobotModel, i: int, beam: Beam) -> Column:
     return Column('inertia', values, np.concatenate([polar, np.arange(at, at + 10)]))
 
 
-# rigid bodies -----------------------------------------------------------------------------------
-
-
-def _rigid(robot: RobotModel, link: str, inertia: RigidInertia) -> Column:
-    """Return the column of an inertia about a link frame's origin."""
-    attachment = robot.tree.frames[link]
-    seen = moved(inertia, attachment.placement)
-    row = robot.arrays.topology[robot.arrays.body_rows[attachment.body]].astype(int)
-    at = int(row[layout.BODY_CONSTANTS]) + layout.MASS
-    values = inertia_row(seen, robot.arrays.body_axes(attachment.body))
-    return Column('inertia', values, np.arange(at, at + 10))
-
-
-def _moment(name: str) -> RigidInertia:
-    """Return a unit of one of the six moments and products of inertia."""
-    matrix = np.zeros((3, 3))
-    r, c = MOMENTS[name]
-    matrix[r, c] = matrix[c, r] = 1.0
-    return RigidInertia(inertia=matrix)
-
-
-def _split(
-    robot: RobotModel, rest: str, kind: str, fields: Sequence[str]
-) -> tuple[str, list[str]]:
-    """Return the link and the field's parts of a path."""
-    links = carrying_links(robot.tree)
-    for link in sorted(links, key=len, reverse=True):
-        if rest.startswith(f'{link}.'):
-            return link, rest[len(link) + 1 :].split('.')
-    raise _known([f'{kind}.{link}.<{"|".join(fields)}>' for link in sorted(links)])
-
-
-def _payload(robot: RobotModel, rest: str) -> Column:
-    fields = ('mass', *(f'inertia.{name}' for name in MOMENTS))
-    link, parts = _split(robot, rest, 'payload', fields)
-    if parts == ['com']:
-        raise _Unfit(
-            f'{NOT_LINEAR}, got a centre of mass (inertia has its square): take '
-            f'link.{link}.first_moment.<x|y|z>'
-        )
-    if parts == ['mass']:
-        return _rigid(robot, link, from_centre(1.0, _centre(robot, link), np.zeros((3, 3))))
-    if len(parts) == 2 and parts[0] == 'inertia' and parts[1] in MOMENTS:
-        return _rigid(robot, link, _moment(parts[1]))
-    raise _known([f'payload.{link}.<{"|".join(fields)}>'])
+def _inertial(robot: RobotModel, kind: str, rest: str) -> Column:
+    """Return the column of a rigid body's number, of a payload about its centre of mass."""
+    fields = INERTIAL if kind == 'link' else OF_PAYLOADS
+    links = sorted(carrying_links(robot.tree), key=len, reverse=True)
+    link = next((each for each in links if rest.startswith(f'{each}.')), None)
+    if link is None:
+        raise _known([f'{kind}.{each}.<{"|".join(fields)}>' for each in sorted(links)])
+    field = rest[len(link) + 1 :]
+    if field == 'com':
+        why = ' (inertia has its square)' if kind == 'payload' else ''
+        way = f'take link.{link}.first_moment.<x|y|z>'
+        raise _Unfit(f'{NOT_LINEAR}, got a centre of mass{why}: {way}')
+    if field not in fields:
+        raise _known([f'{kind}.{link}.<{"|".join(fields)}>'])
+    inertia = rigid_inertia(np.eye(10)[INERTIAL.index(field)], np.eye(3))
+    if kind == 'payload' and field == 'mass':
+        inertia = from_centre(1.0, _centre(robot, link), np.zeros((3, 3)))
+    at = robot.tree.frames[link]
+    row = robot.arrays.topology[robot.arrays.body_rows[at.body]].astype(int)
+    first = int(row[layout.BODY_CONSTANTS]) + layout.MASS
+    values = inertia_row(moved(inertia, at.placement), robot.arrays.body_axes(at.body))
+    return Column('inertia', values, np.arange(first, first + 10))
 
 
 def _centre(robot: RobotModel, link: str) -> Array:
@@ -287,23 +231,135 @@ def _centre(robot: RobotModel, link: str) -> Array:
     held = robot.payload_centre(link)
     if held is not None:
         return held
-    given = robot.tree.overrides.get(f'payload.{link}.com')
-    return np.zeros(3) if given is None else np.ravel(np.asarray(given, dtype=np.float64))
+    modelled = payloads_of(robot.tree.overrides, robot.tree).get(link)
+    return np.zeros(3) if modelled is None else modelled.com
 
 
-def _link(robot: RobotModel, rest: str) -> Column:
-    moments = [f'first_moment.{axis}' for axis in AXES]
-    fields = ('mass', *moments, *(f'inertia.{name}' for name in MOMENTS))
-    link, parts = _split(robot, rest, 'link', fields)
-    units = {'mass': RigidInertia(1.0)}
-    units.update(
-        (axis, RigidInertia(first_moment=unit))
-        for axis, unit in zip(moments, np.eye(3), strict=True)
-    )
-    units.update((f'inertia.{name}', _moment(name)) for name in MOMENTS)
-    field = '.'.join(parts)
-    if field == 'com':
-        raise _Unfit(f'{NOT_LINEAR}, got a centre of mass: take link.{link}.first_moment.<x|y|z>')
-    if field not in units:
-        raise _known([f'link.{link}.<{"|".join(fields)}>'])
-    return _rigid(robot, link, units[field])
+# live changes -----------------------------------------------------------------------------------
+
+
+def live_paths(robot: RobotModel) -> list[str]:
+    """Return the dotted paths of the numbers that can change live.
+
+    `payload.<link>.mass`, and of beams and joints what acts along one coordinate: rigidities,
+    stiffness, damping, friction and armature.
+    """
+    return [
+        path
+        for path, number in modelled_numbers(robot).items()
+        if path.rpartition('.')[2] in LIVE_FIELDS.get(path.partition('.')[0], ())
+        # damping may differ from mode to mode
+        and float(np.ptp(number.get(robot.tree))) == 0.0
+    ]
+
+
+class LiveNumbers:
+    """Some numbers of a robot: their values, their columns of the regressor, their change.
+
+    Parameters
+    ----------
+    robot : Robot
+        Where the numbers stand now.
+    paths : sequence of str
+        Of `live_paths`; each once.
+
+    Attributes
+    ----------
+    paths : tuple of str
+    values : (p,) array
+        As the robot has them at first.
+
+    Raises
+    ------
+    ConfigError
+        With every path that is not one of a number that can change live.
+
+    Notes
+    -----
+    Damping is held where a rigidity changes, though the description may give it by a ratio.
+    """
+
+    def __init__(self, robot: TreeDynamics, paths: Sequence[str]) -> None:
+        known = live_paths(robot)
+        self.paths = tuple(own_path(path, known) for path in paths)
+        findings = [
+            f'path {path!r}: must be one of {some_of(known, path, known)}; got another'
+            for path in self.paths
+            if path not in known
+        ]
+        ConfigError.raise_any('live numbers', findings)
+        self._columns = find_columns(robot, self.paths)
+        numbers = modelled_numbers(robot)
+        self.values: Array = np.array([_value(robot, numbers[path]) for path in self.paths])
+        self._loads = [
+            _massive(robot, column) if column.term == 'inertia' else None
+            for column in self._columns
+        ]
+
+    def move_base(self, base: Base | None) -> None:
+        """Set the motion of the base that the columns are for."""
+        for load in self._loads:
+            if load is not None:
+                load.move_base(base)
+
+    def columns(self, q: Array, qd: Array, qdd: Array, out: Array) -> None:
+        """Write the derivatives of the generalized forces by the numbers (n, p) at a state."""
+        for place, (column, load) in enumerate(zip(self._columns, self._loads, strict=True)):
+            if load is not None:
+                out[:, place] = load.inverse_dynamics(q, qd, qdd)
+                continue
+            factor = {'stiffness': q, 'damping': qd, 'armature': qdd}.get(column.term)
+            factor = slip(qd) if factor is None else factor
+            np.multiply(factor, column.values, out=out[:, place])
+
+    def set(self, robot: RobotModel, change: Array) -> None:
+        """Add a change (p,) of the numbers to a robot, live: no model is built.
+
+        The robot is one whose numbers were the same as those of this object's at first, or that
+        earlier changes were added to.
+        """
+        diagonals: Array | None = None
+        for path, column, by in zip(self.paths, self._columns, change.tolist(), strict=True):
+            if by == 0.0:
+                continue
+            if column.term == 'inertia':
+                link = path.removeprefix('payload.').removesuffix('.mass')
+                robot.add_payload(link, by * column.values)
+                continue
+            if diagonals is None:
+                diagonals = robot.diagonals()
+            diagonals[DIAGONAL_TERMS.index(column.term)] += by * column.values
+        if diagonals is not None:
+            robot.set_diagonals(diagonals)
+
+
+def _value(robot: RobotModel, number: Number) -> float:
+    value = float(np.ravel(number.get(robot.tree))[0])
+    if number.term == 'inertia':
+        value += robot.payload_mass(number.path.removeprefix('payload.').removesuffix('.mass'))
+    return value
+
+
+def _massive(robot: Held, column: Column) -> Held:
+    """Return the robot with one unit of a mass and nothing else."""
+    bare = massless(robot)
+    bare.constants[column.constants] = column.values
+    return bare
+
+
+def massless(robot: Held) -> Held:
+    """Return the robot with neither mass nor elasticity, damping, friction and armature.
+
+    Its inverse dynamics are those of the masses that are then put in.
+    """
+    bare = robot.copy()
+    arrays = robot.arrays
+    bare._adopt(arrays.with_diagonals(np.zeros_like(arrays.diagonals)).without_link_side())
+    rows = arrays.topology[list(arrays.body_rows)].astype(int)
+    for row, body in zip(rows, robot.tree.bodies, strict=True):
+        mass = row[layout.BODY_CONSTANTS] + layout.MASS
+        bare.constants[mass : mass + 10] = 0.0
+        if is_flexible(body):
+            bare.constants[beam_constants(row)] = 0.0
+    bare.move_base(robot.base_motion)
+    return bare

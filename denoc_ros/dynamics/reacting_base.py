@@ -1,4 +1,7 @@
-"""How a floating base moves as the rest of the robot is moved: the robot keeps its momentum."""
+"""A floating base beside given motions of all other coordinates: as it reacts, or held.
+
+As the rest of the robot is moved, the robot keeps its momentum.
+"""
 
 from __future__ import annotations
 
@@ -7,12 +10,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from denoc_ros.dynamics.floating_base import ATTITUDE, wrap_attitude
+from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.dynamics.rotations import left_jacobians, rotations
 from denoc_ros.errors import StateError
+from denoc_ros.model.overrides import with_held_base
 from denoc_ros.types import Array
 
 if TYPE_CHECKING:
     from denoc_ros.dynamics.robot import Robot
+
 
 WRAP = 4.0  # rad: a rotation vector this long is brought back; at 2 pi its rates are singular
 
@@ -89,3 +95,18 @@ class ReactingBase:
         phi = self.index[ATTITUDE]
         if q[phi] @ q[phi] > WRAP * WRAP:
             q[phi], qd[phi] = wrap_attitude(q[phi], qd[phi])
+
+
+def held_robot(robot: Robot) -> Robot:
+    """Return the same robot, overrides and payloads included, on a base that is held.
+
+    Itself, if no base floats. The base's motion is then that of its verbs' `base`.
+    """
+    if not len(robot.base_indices):
+        return robot
+    text = with_held_base(robot.tree.source)
+    held = load_robot(text, robot.gravity, robot.geometric_stiffness)
+    if robot.tree.overrides:
+        held = held.with_overrides(dict(robot.tree.overrides))
+    held._take_payloads(robot)
+    return held

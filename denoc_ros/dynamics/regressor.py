@@ -11,14 +11,12 @@ from denoc_ros.dynamics.base_motion import Base
 from denoc_ros.dynamics.parameter_columns import (
     DIAGONAL_TERMS,
     Column,
-    beam_constants,
     find_columns,
+    massless,
 )
-from denoc_ros.dynamics.robot_model import Held
 from denoc_ros.dynamics.tree_dynamics import TreeDynamics
 from denoc_ros.dynamics.validation import as_output, as_states, same_rows
-from denoc_ros.kernels import layout
-from denoc_ros.model.arrays import is_flexible
+from denoc_ros.model.friction import slip
 from denoc_ros.types import Array
 
 
@@ -93,8 +91,7 @@ def _write(
 ) -> None:
     """Write columns (k, n, parameters) at states (k, n)."""
     q, qd, qdd = rows
-    slip = np.tanh(qd / robot.slip_rate)
-    factors = dict(zip(DIAGONAL_TERMS, (q, qd, slip, qdd), strict=True))
+    factors = dict(zip(DIAGONAL_TERMS, (q, qd, slip(qd), qdd), strict=True))
     bare: TreeDynamics | None = None
     for index, column in enumerate(columns):
         if column.term in factors:
@@ -106,21 +103,3 @@ def _write(
         bare.constants[column.constants] = column.values
         out[:, :, index] = bare.inverse_dynamics(q, qd, qdd)
         bare.constants[column.constants] = constants
-
-
-def massless(robot: Held) -> Held:
-    """Return the robot with neither mass nor elasticity, damping, friction and armature.
-
-    Its inverse dynamics are those of the masses that are then put in.
-    """
-    bare = robot.copy()
-    arrays = robot.arrays
-    bare._adopt(arrays.with_diagonals(np.zeros_like(arrays.diagonals)).without_link_side())
-    rows = arrays.topology[list(arrays.body_rows)].astype(int)
-    for row, body in zip(rows, robot.tree.bodies, strict=True):
-        mass = row[layout.BODY_CONSTANTS] + layout.MASS
-        bare.constants[mass : mass + 10] = 0.0
-        if is_flexible(body):
-            bare.constants[beam_constants(row)] = 0.0
-    bare.move_base(robot.base_motion)
-    return bare

@@ -3,14 +3,83 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
 
+import numpy as np
 from numpy.typing import ArrayLike
 
+from denoc_ros.dynamics import equilibrium
+from denoc_ros.dynamics import natural_modes as modes
+from denoc_ros.dynamics.base_motion import Base
+from denoc_ros.dynamics.batch import each_row
+from denoc_ros.dynamics.derivatives import DifferentiableModel
 from denoc_ros.dynamics.floating_base import FloatingBase
 from denoc_ros.dynamics.linearize import Linearizable
 from denoc_ros.dynamics.regressor import TorqueRegressor
-from denoc_ros.dynamics.statics import StaticsAndVibration
+from denoc_ros.dynamics.validation import as_states
 from denoc_ros.model.urdf import load_tree
+from denoc_ros.types import Array
+
+Wrenches = Mapping[str, ArrayLike]
+
+
+class StaticsAndVibration(DifferentiableModel):
+    """Equilibria of a robot, and small vibrations about them."""
+
+    def static_deflection(
+        self,
+        q_joints: ArrayLike,
+        wrenches: Wrenches | None = None,
+        start: ArrayLike | None = None,
+        base: Base | None = None,
+    ) -> Array:
+        """Return the state (n,) whose amplitudes are in equilibrium at given joint positions.
+
+        Parameters
+        ----------
+        q_joints : (joints,)
+        wrenches : {frame: (6,)}, optional
+        start : (n,), optional
+            First guess of the amplitudes (its joints are not used), and where a floating base is
+            held; default undeformed and zero.
+        base : (twist, acceleration[, pose]), optional
+            A base that moves steadily: the amplitudes stand still on it.
+
+        Raises
+        ------
+        SolverError
+            Newton's iteration found no equilibrium (a load beyond buckling).
+        """
+        if base is not None:
+            return self._on_base(
+                base, lambda row: self.static_deflection(row, wrenches, start), q_joints
+            )
+        joints = as_states('q_joints', q_joints, len(self.joint_indices))
+        states: Array = each_row(
+            lambda row: equilibrium.static_deflection(self, row, wrenches, start),
+            joints,
+        )
+        return states
+
+    def natural_frequencies(self, q: ArrayLike, held: bool = True) -> Array:
+        """Return the natural frequencies [Hz] at rest at q, ascending (see natural_modes)."""
+        return self.natural_modes(q, held).frequencies
+
+    def natural_modes(self, q: ArrayLike, held: bool = True) -> modes.NaturalModes:
+        """Return frequencies [Hz], shapes (n, k) and damping ratios at rest at q.
+
+        Gravity and load stiffness are as they are at q. `held` joints stay still, a floating
+        base moves; else all n coordinates move. Rigid motions have frequency 0 and unstable ones a
+        negative one. A robot whose base floats falls freely: gravity does nothing to its modes.
+        """
+        if len(self.base_indices) and self.base_motion is None:
+            falling = np.append(self.gravity, np.zeros(3))
+            return self._on_base(
+                (np.zeros(6), falling), lambda rows: self.natural_modes(rows, held), q
+            )
+        q = as_states('q', q, self.n)
+        found = each_row(lambda row: tuple(modes.natural_modes(self, row, held)), q)
+        return modes.NaturalModes(*found)
 
 
 class Robot(Linearizable, TorqueRegressor, StaticsAndVibration, FloatingBase):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,10 +16,8 @@ from denoc_ros.dynamics.base_motion import (
     as_base_motion,
     on_base,
 )
-from denoc_ros.dynamics.component_section import AnySection
-from denoc_ros.dynamics.payload import payload_inertia
+from denoc_ros.dynamics.section import AnySection
 from denoc_ros.dynamics.validation import as_vector, require_finite, require_rotors
-from denoc_ros.dynamics.workspace import Workspace
 from denoc_ros.errors import SolverError, StateError
 from denoc_ros.kernels import (
     articulated,
@@ -27,20 +25,140 @@ from denoc_ros.kernels import (
     closure,
     composite,
     constrained,
+    handle,
     inverse,
+    layout,
     world,
 )
 from denoc_ros.kernels import handle as rec_
 from denoc_ros.kernels import layout as at_
+from denoc_ros.kernels.array_object import FLOAT64, array_type
 from denoc_ros.kernels.compiled import ready
 from denoc_ros.kernels.handle import GOOD, NOT_FINITE, SINGULAR
+from denoc_ros.kernels.link_side import STATES as LINK_STATES
 from denoc_ros.model.arrays import ModelArrays, inertia_row, rigid_inertia, to_arrays
 from denoc_ros.model.coordinates import diagonals
-from denoc_ros.model.damping_overrides import with_other_damping
 from denoc_ros.model.inertia import difference, from_centre, inverse_transform, moved, total
-from denoc_ros.model.overrides import payloads_of, with_overrides
-from denoc_ros.model.tree import Tree
+from denoc_ros.model.numbers import with_numbers
+from denoc_ros.model.overrides import with_overrides
+from denoc_ros.model.payloads import payloads_of
+from denoc_ros.model.tree import RigidInertia, Tree
 from denoc_ros.types import Array
+
+Int = NDArray[np.int64]
+ARRAY_TYPE = array_type()
+
+
+class Workspace:
+    """One caller's workspace over a arrays model.
+
+    Parameters
+    ----------
+    arrays : ModelArrays
+    constants : (constants,)
+        The model's constants; shared, so that a payload set live is seen by all.
+    link_side : ndarray, optional
+        Those of the robot without springs, where joints are elastic.
+
+    Attributes
+    ----------
+    handle : int
+        What kernels take for the model; valid as long as this object lives.
+    work : (work_size,)
+    """
+
+    def __init__(
+        self, arrays: ModelArrays, constants: Array, link_side: Array | None = None
+    ) -> None:
+        self.work: Array = np.zeros(arrays.work_size)
+        self._gravity = constants[layout.GRAVITY : layout.GRAVITY + 3]
+        self.work[layout.BASE_GRAVITY : layout.BASE_GRAVITY + 3] = self._gravity
+        self.work[layout.ACCELERATION : layout.ACCELERATION + 3] = -self._gravity
+        self.work[layout.WORLD_ROTATION : layout.WORLD_ROTATION + 9] = np.eye(3).ravel()
+        self._diagonals = np.zeros((handle.DIAGONALS, arrays.n))
+        self._diagonals[: len(arrays.diagonals)] = arrays.diagonals
+        self._alive: tuple[object, ...] = (arrays.topology, constants)
+        record = np.zeros(handle.RECORD, dtype=np.int64)
+        record[handle.TOPOLOGY_ADDRESS] = arrays.topology.ctypes.data
+        record[handle.CONSTANTS_ADDRESS] = constants.ctypes.data
+        record[handle.WORK_ADDRESS] = self.work.ctypes.data
+        record[handle.DIAGONALS_ADDRESS] = self._diagonals.ctypes.data
+        record[handle.COORDINATES] = arrays.n
+        record[handle.BODIES] = arrays.bodies
+        record[handle.TOPOLOGY_LENGTH] = arrays.topology.size
+        record[handle.CONSTANTS_LENGTH] = constants.size
+        record[handle.WORK_LENGTH] = self.work.size
+        record[handle.ARRAY_TYPE] = ARRAY_TYPE
+        record[handle.ELEMENT_TYPE] = id(FLOAT64)
+        self._record = record
+        self.handle = int(record.ctypes.data)
+        self._see_link_side(arrays, link_side)
+        self._hybrid: tuple[Array, Array] | None = None
+        self._splits: dict[tuple[int, ...], Split] = {}
+
+    def move_base(self, twist: Array, acceleration: Array, rotation: Array | None) -> None:
+        """Let the base move: twist and acceleration (6,) in its axes, rotation (3, 3) to world."""
+        work = self.work
+        gravity = self._gravity if rotation is None else self._gravity @ rotation
+        work[layout.BASE_GRAVITY : layout.BASE_GRAVITY + 3] = gravity
+        work[layout.VELOCITY : layout.VELOCITY + 3] = twist[:3]
+        work[layout.ANGULAR_VELOCITY : layout.ANGULAR_VELOCITY + 3] = twist[3:]
+        work[layout.ACCELERATION : layout.ACCELERATION + 3] = acceleration[:3] - gravity
+        work[layout.ANGULAR_ACCELERATION : layout.ANGULAR_ACCELERATION + 3] = acceleration[3:]
+        if self._chain is not None:
+            self._chain.move_base(twist, acceleration, rotation)
+
+    def take_diagonals(self, arrays: ModelArrays) -> None:
+        """Go on with other terms along the coordinates, of a model that is the same otherwise."""
+        self._diagonals[: len(arrays.diagonals)] = arrays.diagonals
+        if self._chain is not None and arrays.link_side is not None:
+            self._chain.take_diagonals(arrays.link_side)
+
+    def _see_link_side(self, arrays: ModelArrays, constants: Array | None) -> None:
+        """Name the robot without springs in the record: this one where there are none."""
+        self._record[handle.LINK_SIDE] = self.handle
+        self._chain: Workspace | None = None
+        if arrays.link_side is None or arrays.link_map is None or constants is None:
+            return
+        self._chain = type(self)(arrays.link_side, constants)
+        self._states: Array = np.zeros((LINK_STATES, arrays.link_side.n))
+        self._record[handle.LINK_SIDE] = self._chain.handle
+        self._record[handle.LINK_MAP] = arrays.link_map.ctypes.data
+        self._record[handle.LINK_STATES] = self._states.ctypes.data
+        self._alive = (*self._alive, arrays.link_map)
+
+    def hybrid(self) -> tuple[Array, Array]:
+        """Return where hybrid derivatives take one state (1, 4, n) and leave their matrices."""
+        if self._hybrid is None:
+            n = self._diagonals.shape[1]
+            self._hybrid = np.empty((1, 4, n)), np.empty((1, n * (4 * n + 1)))
+        return self._hybrid
+
+    def split(self, index: Int) -> Split:
+        """Return how prescribed joints, index (h,), split the coordinates; kept for next time."""
+        key = tuple(index.tolist())
+        if key not in self._splits:
+            n = self._diagonals.shape[1]
+            free = np.setdiff1d(np.arange(n), index)
+            flags = np.zeros(n)
+            flags[index] = 1.0
+            every, by = np.arange(n), (0, 1, 2, 2)
+            places = tuple(
+                (n * n * matrix + n * rows[:, None] + columns[None, :]).ravel()
+                for rows in (index, free)
+                for matrix, columns in zip(by, (every, every, index, free), strict=True)
+            )
+            self._splits[key] = Split(free, flags, places)
+        return self._splits[key]
+
+
+class Split(NamedTuple):
+    """Coordinates split into h prescribed joints and the f others."""
+
+    free: Int  # (f,)
+    flags: Array  # (n,) 1 at the joints
+    places: tuple[Int, ...]  # where the parts of HybridDerivatives stand in the kernel's matrices
+
 
 KERNELS = (
     inverse.inverse_dynamics,
@@ -236,13 +354,11 @@ class RobotModel:
         ConfigError
             A path that names nothing, or a value that makes no model.
         """
-        damped = with_other_damping(self.tree, overrides)
-        if damped is None:
-            tree = with_overrides(self.tree, overrides)
-            other = type(self)(tree, self.gravity, self.geometric_stiffness)
-        else:  # all but the terms along the coordinates stays
-            arrays = self.arrays.with_diagonals(diagonals(self._modelled(damped)))
-            other = self._of_arrays(arrays, damped)
+        changed = with_numbers(self.tree, overrides)
+        if changed is not None:
+            return with_numbers_of(self, changed)
+        tree = with_overrides(self.tree, overrides)
+        other = type(self)(tree, self.gravity, self.geometric_stiffness)
         other._take_payloads(self)
         other.move_base(self._base)
         return other
@@ -425,3 +541,42 @@ class RobotModel:
             require_rotors(self.tree)
             raise SolverError(f'{self.tree.name}: the inertia must be positive definite, got none')
         raise StateError('the result must be finite, got an overflow from finite arguments')
+
+
+def with_numbers_of(robot: Held, tree: Tree) -> Held:
+    """Return the robot of a tree that differs from its own in numbers: no arrays are built anew.
+
+    Terms along the coordinates and inertias of bodies are the tree's. Payloads that were set and
+    scaled loads stay, and the base moves as it does.
+    """
+    arrays = robot.arrays.with_diagonals(diagonals(robot._modelled(tree)))
+    for index, (body, before) in enumerate(zip(tree.bodies, robot.tree.bodies, strict=True)):
+        if body.inertia is not before.inertia:
+            arrays = arrays.with_inertia(index, body)
+    other = robot._of_arrays(arrays, tree)
+    other._take_payloads(robot)
+    other.move_base(robot._base)
+    return other
+
+
+def payload_inertia(
+    placement: Array, mass: float, com: ArrayLike, inertia: ArrayLike | None
+) -> RigidInertia:
+    """Return a payload's inertia about the body origin, from its frame's placement on the body.
+
+    Raises
+    ------
+    StateError
+        The mass is negative or not finite, or the inertia is not symmetric positive semidefinite.
+    """
+    centre = as_vector('com', com, (3,))
+    about = np.zeros((3, 3)) if inertia is None else as_vector('inertia', inertia, (3, 3))
+    if not (np.isfinite(mass) and mass >= 0.0):
+        raise StateError(f'payload mass must be >= 0 kg, got {mass}')
+    moments = np.linalg.eigvalsh(about)
+    scale = 1e-9 * max(1.0, float(np.abs(about).max()))
+    if not np.allclose(about, about.T, atol=scale) or moments[0] < -scale:
+        raise StateError(
+            f'payload inertia must be symmetric positive semidefinite, got {about.tolist()}'
+        )
+    return moved(from_centre(float(mass), centre, about), placement)

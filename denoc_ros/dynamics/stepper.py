@@ -1,4 +1,4 @@
-"""The fixed step of the real-time side."""
+"""Fixed steps of the real-time side, along a motion too, and with feedback taken implicitly."""
 
 from __future__ import annotations
 
@@ -6,15 +6,16 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from denoc_ros.dynamics.constraints import constrained_dynamics, raise_status
-from denoc_ros.errors import StateError
+from denoc_ros.errors import ModelError, StateError
 from denoc_ros.kernels.articulated import articulated_dynamics
 from denoc_ros.kernels.closing import advance_tied
 from denoc_ros.kernels.compiled import entry, ready
 from denoc_ros.kernels.driven_step import advance_driven, driven_torque, take_measurement
-from denoc_ros.kernels.handle import GOOD, MISFIT, NOT_FINITE
-from denoc_ros.kernels.step import STEP_ROWS
+from denoc_ros.kernels.handle import DAMPING, GOOD, MISFIT, NOT_FINITE, STIFFNESS
+from denoc_ros.kernels.step import ALONG_ROWS, STEP_ROWS, advance_along
 from denoc_ros.types import Array
 
 if TYPE_CHECKING:
@@ -252,3 +253,97 @@ def raise_step_status(robot: Robot, status: int, *arrays: Array) -> None:
     if status == NOT_FINITE:
         raise StateError('state, acceleration and torque must be finite, got one that is not')
     raise_status(robot, status)
+
+
+class StepsAlong:
+    """Takes the steps of :meth:`Stepper.driven` along a motion of all joints.
+
+    Parameters
+    ----------
+    robot : Robot
+        Its workspace is used: do not share it with another thread.
+    step : float
+        Longest step [s]: the steps of an interval are of equal length.
+
+    Raises
+    ------
+    ModelError
+        The robot has loops or mimic joints.
+    """
+
+    def __init__(self, robot: Robot, step: float) -> None:
+        if robot.constraint_names:
+            rule = f'must have no loops or mimic joints here, got {robot.constraint_names}'
+            raise ModelError(robot.tree.name, [rule])
+        ready(advance_along)
+        self.robot, self.step = robot, float(step)
+        self._work = np.zeros((ALONG_ROWS, robot.n))
+        self._held = robot.held(robot.joint_indices)
+
+    def write(
+        self, states: Array, intervals: Array, accelerations: Array, first: int, last: int
+    ) -> None:
+        """Write the undriven coordinates into rows first .. last - 1 of the states.
+
+        Parameters
+        ----------
+        states : (2, k, n) array
+            Coordinates and rates: joints in all rows, all coordinates in row first - 1.
+        intervals : (k,) array
+            Of each row from the one before [s].
+        accelerations : (2, k, n) array
+            Mean of the joints' over each interval, and slope about its middle, 0 elsewhere.
+        first, last : int
+
+        Raises
+        ------
+        StateError
+            A shape is wrong, a number not finite, or an interval not > 0.
+        SolverError
+            The inertia is not positive definite.
+        """
+        status = advance_along(
+            self.robot.handle, self._work, self._held, self.step, intervals, accelerations,
+            states, first, last,
+        )  # fmt: skip
+        if status == MISFIT:
+            k, n = len(intervals), self.robot.n
+            raise StateError(
+                f'states and accelerations must have shape {(2, k, n)}, and rows be in 1 .. {k}, '
+                f'got {states.shape}, {accelerations.shape} and {first} .. {last}'
+            )
+        raise_step_status(self.robot, status)
+
+
+def with_joint_feedback(
+    robot: Robot, index: NDArray[np.int64], kp: ArrayLike, kd: ArrayLike
+) -> Robot:
+    """Return a copy of a robot whose joints also resist by kp q + kd q'.
+
+    Under the generalized force kp q_wanted + kd q'_wanted it is the robot under the feedback
+    kp (q_wanted - q) + kd (q'_wanted - q'), which a linearly implicit step then takes without a
+    limit on the gains.
+
+    Parameters
+    ----------
+    robot : Robot
+    index : (k,) int array
+        Coordinates of the joints.
+    kp, kd : (k,) or scalar
+        [N m/rad, N/m] and [N m s/rad, N s/m], >= 0.
+
+    Raises
+    ------
+    StateError
+        A gain is negative or not finite.
+    """
+    gains = np.array([np.broadcast_to(kp, len(index)), np.broadcast_to(kd, len(index))])
+    if not np.isfinite(gains).all() or (gains < 0.0).any():
+        raise StateError(f'gains kp, kd must be finite and >= 0, got {gains.tolist()}')
+    held = robot.copy()
+    diagonals = held.diagonals()
+    diagonals[STIFFNESS, index] += gains[0]
+    diagonals[DAMPING, index] += gains[1]
+    held.arrays = held.arrays.with_diagonals(diagonals)
+    # a copy makes its workspace from the arrays
+    return held.copy()

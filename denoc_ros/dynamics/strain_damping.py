@@ -220,8 +220,7 @@ def _gauge(robot: Robot, joint: str) -> tuple[int, Array, float]:
 
 def _postures(robot: Robot) -> list[Array]:
     """Return coordinates (n,), undeformed: zero, and some within the joints' limits."""
-    joints = {body.joint.name: body.joint for body in robot.tree.bodies if body.joint is not None}
-    limits = [joints[name].limits for name in robot.joint_names]
+    limits = [robot.tree.joints[name].limits for name in robot.joint_names]
     lower = np.array([max(limit.lower, -np.pi) for limit in limits])
     upper = np.array([min(limit.upper, np.pi) for limit in limits])
     drawn = np.random.default_rng(SEED).uniform(lower, upper, (POSTURES - 1, len(limits)))

@@ -5,13 +5,11 @@ from __future__ import annotations
 import numpy as np
 import scipy.linalg
 
-from denoc_ros.dynamics.component_section import AnySection, ComponentSection
 from denoc_ros.dynamics.robot_model import RobotModel
-from denoc_ros.dynamics.section import Section
-from denoc_ros.dynamics.segmented_section import SegmentedSection
+from denoc_ros.dynamics.section import AnySection, ComponentSection, Section, SegmentedSection
 from denoc_ros.errors import StateError
 from denoc_ros.kernels import layout, world
-from denoc_ros.model.joint_rows import cross_matrix
+from denoc_ros.model.arrays import cross_matrix
 from denoc_ros.model.segments import WholeBeam, whole_beams
 from denoc_ros.model.tree import Sensor
 from denoc_ros.types import Array

@@ -1,4 +1,4 @@
-"""The verbs of an open tree: inverse, forward and hybrid dynamics, inertia, energy, frames."""
+"""The verbs of an open tree: inverse, forward and hybrid dynamics, inertia, momentum, frames."""
 
 from __future__ import annotations
 
@@ -11,9 +11,10 @@ from numpy.typing import ArrayLike
 from denoc_ros.dynamics import structure
 from denoc_ros.dynamics.base_motion import Base
 from denoc_ros.dynamics.batch import each_row, run_rows
-from denoc_ros.dynamics.momentum import MassAndMomentum
+from denoc_ros.dynamics.robot_model import RobotModel
 from denoc_ros.dynamics.validation import (
     as_output,
+    as_outputs,
     as_rows,
     as_states,
     as_vector,
@@ -26,6 +27,73 @@ from denoc_ros.kernels.handle import GOOD, MISFIT
 from denoc_ros.model.arrays import ModelArrays
 from denoc_ros.types import Array
 
+
+class MassAndMomentum(RobotModel):
+    """Sums over all bodies and payloads without those fixed to the base."""
+
+    @property
+    def mass(self) -> float:
+        """Mass of all bodies and payloads [kg]."""
+        return float(self._sums(self._zero, self._zero)[composite.MASS])
+
+    def momentum(
+        self,
+        q: ArrayLike,
+        qd: ArrayLike,
+        out: Array | None = None,
+        check: bool = True,
+        base: Base | None = None,
+    ) -> Array:
+        """Return linear and angular momentum, base axes, about the base frame's origin.
+
+        A robot whose base floats keeps both where nothing acts from outside: no gravity, no
+        forces on the base.
+
+        Parameters
+        ----------
+        q, qd : (n,) or (k, n)
+        out : (6,) or (k, 6), optional
+        base : (twist, acceleration[, pose]), optional
+            Of a base that moves: the momentum is that of the motion in space, its components
+            along the base's axes of that moment.
+
+        Returns
+        -------
+        (6,) or (k, 6) [kg m/s, kg m^2/s]
+
+        Raises
+        ------
+        StateError
+            For a wrong shape or type, or a number that is not finite.
+
+        Notes
+        -----
+        Rotors (armature) turn with their joint alone and have no part in it, as they have none in
+        the equations of the other coordinates.
+        """
+        if base is not None:
+            return self._on_base(base, self.momentum, q, qd, out=out, check=check)
+        sums = self._sums(q, qd, check)
+        out = as_output(out, (*sums.shape[:-1], 6))
+        out[...] = sums[..., : composite.MASS]
+        return out
+
+    def centre_of_mass(self, q: ArrayLike, check: bool = True) -> Array:
+        """Return the centre of mass (3,) or (k, 3) of all bodies in the base frame [m]."""
+        sums = self._sums(q, self._zero, check)
+        return np.asarray(sums[..., composite.FIRST_MOMENT :] / sums[..., composite.MASS, None])
+
+    def _sums(self, q: ArrayLike, qd: ArrayLike, check: bool = True) -> Array:
+        """Return momentum, mass and first moment (10,) or (k, 10)."""
+        states = [as_rows('q', q, self.n), as_rows('qd', qd, self.n)]
+        single = all(state.ndim == 1 for state in states)
+        rows = same_rows(states)
+        out = np.empty((len(rows[0]), composite.MOMENTUM_SIZE))
+        status = run_rows(self, composite.momentum_rows, len(out), *rows, out)
+        self._raise_for_status(status, check, q=states[0], qd=states[1])
+        return out[0] if single else out
+
+
 Wrenches = Mapping[str, ArrayLike]
 
 
@@ -33,30 +101,34 @@ _empty = np.empty  # a global name is found more quickly than a module's
 
 
 class KernelOperation(NamedTuple):
-    """A kernel, the same over rows, and the shape of its result for n coordinates."""
+    """A kernel, the same over rows, and the shapes of its results for n coordinates."""
 
     kernel: Callable[..., int]
     rows: Callable[..., int]
-    shape: Callable[[int], tuple[int, ...]]
+    shapes: Callable[[int], Sequence[tuple[int, ...]]]
 
 
-INVERSE = KernelOperation(inverse.inverse_dynamics, inverse.inverse_dynamics_rows, lambda n: (n,))
+INVERSE = KernelOperation(
+    inverse.inverse_dynamics, inverse.inverse_dynamics_rows, lambda n: ((n,),)
+)
 FORWARD = KernelOperation(
-    articulated.forward_dynamics, articulated.forward_dynamics_rows, lambda n: (n,)
+    articulated.forward_dynamics, articulated.forward_dynamics_rows, lambda n: ((n,),)
 )
 # of robots with elastic joints
 SPRUNG_INVERSE = KernelOperation(
-    sprung.inverse_dynamics, sprung.inverse_dynamics_rows, INVERSE.shape
+    sprung.inverse_dynamics, sprung.inverse_dynamics_rows, INVERSE.shapes
 )
 SPRUNG_FORWARD = KernelOperation(
-    sprung.forward_dynamics, sprung.forward_dynamics_rows, FORWARD.shape
+    sprung.forward_dynamics, sprung.forward_dynamics_rows, FORWARD.shapes
 )
 INERTIA = KernelOperation(
-    composite.inertia_matrix, composite.inertia_matrix_rows, lambda n: (n, n)
+    composite.inertia_matrix, composite.inertia_matrix_rows, lambda n: ((n, n),)
 )
-ENERGY = KernelOperation(composite.energies, composite.energies_rows, lambda n: (2,))
-FRAME_POSE = KernelOperation(world.frame_pose, world.frame_pose_rows, lambda n: (4, 4))
-FRAME_JACOBIAN = KernelOperation(world.frame_jacobian, world.frame_jacobian_rows, lambda n: (6, n))
+ENERGY = KernelOperation(composite.energies, composite.energies_rows, lambda n: ((2,),))
+FRAME_POSE = KernelOperation(world.frame_pose, world.frame_pose_rows, lambda n: ((4, 4),))
+FRAME_JACOBIAN = KernelOperation(
+    world.frame_jacobian, world.frame_jacobian_rows, lambda n: ((6, n),)
+)
 
 
 class TreeDynamics(MassAndMomentum):
@@ -112,7 +184,8 @@ class TreeDynamics(MassAndMomentum):
         status = self._inverse(self.handle, q, qd, qdd, result)
         if status != GOOD:
             arguments = {'q': q, 'qd': qd, 'qdd': qdd}
-            result = self._settle(status, self._inverse_operation, arguments, out, result, check)
+            verb = self._inverse_operation
+            (result,) = self._settle(status, verb, arguments, _one(out), [result], check)
         if wrenches:
             result -= self._load(as_rows('q', q, self.n), wrenches)
         return result
@@ -141,7 +214,8 @@ class TreeDynamics(MassAndMomentum):
         status = self._forward(self.handle, q, qd, tau, result)
         if status != GOOD:
             arguments = {'q': q, 'qd': qd, 'tau': tau}
-            result = self._settle(status, self._forward_operation, arguments, out, result, check)
+            verb = self._forward_operation
+            (result,) = self._settle(status, verb, arguments, _one(out), [result], check)
         return result
 
     def hybrid_dynamics(
@@ -196,10 +270,11 @@ class TreeDynamics(MassAndMomentum):
         given = np.zeros(q.shape)
         given[:, index] = qdd_joints
         qdd, torque = np.empty(q.shape), np.empty(q.shape)
-        rows = (self.held(index), q, qd, given, force)
-        status = run_rows(self, articulated.articulated_dynamics_rows, len(q), rows, (qdd, torque))
+        held = self.held(index)
+        rows = (self.armature, held, q, qd, given, force, qdd, torque)
+        status = run_rows(self, articulated.articulated_dynamics_rows, len(q), *rows)
         self._raise_for_status(status, check, q=q, qd=qd, qdd_joints=qdd_joints, tau=force)
-        free = np.flatnonzero(rows[0] == 0.0)
+        free = np.flatnonzero(held == 0.0)
         torque, qdd = np.ascontiguousarray(torque[:, index]), np.ascontiguousarray(qdd[:, free])
         return (torque[0], qdd[0]) if single else (torque, qdd)
 
@@ -208,7 +283,7 @@ class TreeDynamics(MassAndMomentum):
         result = _empty(self._square) if out is None else out
         status = self._inertia(self.handle, q, result)
         if status != GOOD:
-            result = self._settle(status, INERTIA, {'q': q}, out, result, check)
+            (result,) = self._settle(status, INERTIA, {'q': q}, _one(out), [result], check)
         return result
 
     def bias_forces(
@@ -244,7 +319,8 @@ class TreeDynamics(MassAndMomentum):
         result = np.empty(2) if out is None else out
         status = self._energies(self.handle, q, qd, result)
         if status != GOOD:
-            result = self._settle(status, ENERGY, {'q': q, 'qd': qd}, out, result, check)
+            arguments = {'q': q, 'qd': qd}
+            (result,) = self._settle(status, ENERGY, arguments, _one(out), [result], check)
         if self._base is not None and self._base.pose is not None:
             result[..., 1] -= self.mass * (self.gravity @ self._base.pose[:3, 3])
         return result
@@ -310,14 +386,14 @@ class TreeDynamics(MassAndMomentum):
         check: bool = True,
     ) -> Array:
         """Return a pose or Jacobian of a frame, at one state or many."""
-        row, shape = self._row(frame), verb.shape(self.n)
+        row, (shape,) = self._row(frame), verb.shapes(self.n)
         q = as_states('q', q, self.n) if check else as_rows('q', q, self.n)
         if q.ndim == 1:
             out = as_output(out, shape)
             verb.kernel(self.handle, q, row, out)
         else:
             out = as_output(out, (len(q), *shape))
-            run_rows(self, verb.rows, len(q), (q, row), (out,))
+            run_rows(self, verb.rows, len(q), q, np.array([float(row)]), out)
         return out
 
     def _settle(
@@ -325,24 +401,30 @@ class TreeDynamics(MassAndMomentum):
         status: int,
         verb: KernelOperation,
         arguments: dict[str, ArrayLike],
-        out: Array | None,
-        result: Array,
+        out: Sequence[Array] | None,
+        results: Sequence[Array],
         check: bool,
-    ) -> Array:
-        """Return a verb's result on the slow path: batches, conversions, errors.
+    ) -> Sequence[Array]:
+        """Return a verb's results on the slow path: batches, conversions, errors.
 
         Rows, lists and wrong arguments come here, and results that are not finite.
         """
-        shape = verb.shape(self.n)
+        shapes = verb.shapes(self.n)
         arrays = {name: as_rows(name, value, self.n) for name, value in arguments.items()}
         single = all(array.ndim == 1 for array in arrays.values())
         if status == MISFIT and single:
-            result = as_output(out, shape)
-            status = entry(verb.kernel)(self.handle, *arrays.values(), result)
+            results = as_outputs(out, shapes)
+            status = entry(verb.kernel)(self.handle, *arrays.values(), *results)
         if status == MISFIT:
             rows = same_rows(list(arrays.values()))
             k = len(rows[0])
-            result = as_output(out, shape if single else (k, *shape))
-            status = run_rows(self, verb.rows, k, rows, (result.reshape(k, *shape),))
+            results = as_outputs(out, [shape if single else (k, *shape) for shape in shapes])
+            flat = [each[None] for each in results] if single else results
+            status = run_rows(self, verb.rows, k, *rows, *flat)
         self._raise_for_status(status, check, **arrays)
-        return result
+        return results
+
+
+def _one(out: Array | None) -> list[Array] | None:
+    """Return the caller's output array as one of several."""
+    return None if out is None else [out]

@@ -105,7 +105,7 @@ def same_rows(arrays: Sequence[Array]) -> list[Array]:
 
 def require_rotors(tree: Tree) -> None:
     """Raise SolverError where the motor side of an elastic joint has no inertia."""
-    joints = [body.joint for body in tree.bodies if body.joint is not None]
+    joints = tree.joints.values()
     without = [j.name for j in joints if j.spring is not None and not j.armature > 0.0]
     if without:
         raise SolverError(

@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from denoc_ros.dynamics.response import response
+from denoc_ros.dynamics.equilibrium import response
 from denoc_ros.dynamics.section import Section
 from denoc_ros.dynamics.springs import spring_indices
 from denoc_ros.errors import StateError
 from denoc_ros.kernels.compiled import ready
-from denoc_ros.kernels.correction import take_values
+from denoc_ros.kernels.kalman import take_values
 from denoc_ros.kernels.step import GAMMA
 from denoc_ros.model.arrays import is_flexible
 from denoc_ros.types import Array

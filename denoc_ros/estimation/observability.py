@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from denoc_ros.dynamics.structure import body_amplitudes
-from denoc_ros.model.inertial_sensors import inertial_values
+from denoc_ros.model.sensors import inertial_values
 from denoc_ros.types import Array
 
 if TYPE_CHECKING:

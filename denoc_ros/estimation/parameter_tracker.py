@@ -9,15 +9,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from denoc_ros.dynamics.live_numbers import LiveNumbers
+from denoc_ros.dynamics.parameter_columns import LiveNumbers
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import SolverError, StateError
-from denoc_ros.estimation.block_sensors import LARGEST
-from denoc_ros.estimation.channel_levels import ChannelLevels
-from denoc_ros.estimation.parameter_filter import BlockValues, ExcitedDirections, ParameterFilter
+from denoc_ros.estimation.block_sensitivity import LARGEST
+from denoc_ros.estimation.parameter_filter import (
+    BlockValues,
+    ChannelLevels,
+    ExcitedDirections,
+    ParameterFilter,
+)
 from denoc_ros.estimation.tracked_model import BaseAt, BlockMeans, TrackedModel
-from denoc_ros.estimation.tracked_paths import tracked_bounds, tracked_paths
-from denoc_ros.estimation.tracker_settings import TrackerSettings
+from denoc_ros.estimation.tracker_settings import TrackerSettings, tracked_bounds, tracked_paths
 from denoc_ros.estimation.tracking import TrackingFilter
 from denoc_ros.types import Array, Flags
 
@@ -50,8 +53,9 @@ class ParameterTracker:
     robot : Robot
         The model with what is known of it; worked on as copies. Without loops.
     paths : sequence of str
-        Dotted paths of the numbers, of :func:`denoc_ros.dynamics.live_numbers.live_paths`; `*`
-        and `?` stand for others, `payload.tool` for its mass.
+        Dotted paths of the numbers, of
+        :func:`denoc_ros.dynamics.parameter_columns.live_paths`; `*` and `?` stand for others,
+        `payload.tool` for its mass.
     settings : TrackerSettings, optional
     bounds : mapping of str to pair of floats, optional
         Lowest and highest value by path, not negative; default half and one and a half of the

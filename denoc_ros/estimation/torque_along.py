@@ -10,19 +10,18 @@ from itertools import pairwise
 import numpy as np
 
 from denoc_ros.dynamics.base_motion import BaseMotion
+from denoc_ros.dynamics.constraints import mimic_ties
 from denoc_ros.dynamics.deflection import TipDeflections
 from denoc_ros.dynamics.driven_motion import driven_motion
-from denoc_ros.dynamics.gear_springs import GearSprings
 from denoc_ros.dynamics.measured_side import WholeCoordinates
-from denoc_ros.dynamics.mimic_joints import mimic_ties
 from denoc_ros.dynamics.robot import Robot
-from denoc_ros.dynamics.stepper import Stepper
-from denoc_ros.dynamics.steps_along import StepsAlong
+from denoc_ros.dynamics.springs import GearSprings
+from denoc_ros.dynamics.stepper import Stepper, StepsAlong
 from denoc_ros.errors import ModelError
-from denoc_ros.estimation.base_record import BaseRecord
-from denoc_ros.estimation.joint_friction import JointFriction
+from denoc_ros.estimation.base_track import BaseRecord
 from denoc_ros.estimation.joint_motion import SmoothedMotion
 from denoc_ros.estimation.tracking import connecting_acceleration
+from denoc_ros.model.friction import Friction
 from denoc_ros.types import Array, Flags
 
 
@@ -70,7 +69,7 @@ class TorqueReplay:
         stands at 0.
     posture : (n,) array, optional
         Coordinates near which loops are closed; default 0.
-    friction : JointFriction, optional
+    friction : Friction, optional
         Stands for the damping and friction that the robot's joints have.
     step : float
         Longest step of the integration [s].
@@ -93,7 +92,7 @@ class TorqueReplay:
         robot: Robot,
         joints: Sequence[str],
         posture: Array | None = None,
-        friction: JointFriction | None = None,
+        friction: Friction | None = None,
         step: float = 1e-3,
         base: BaseRecord | None = None,
     ) -> None:
@@ -110,7 +109,7 @@ class TorqueReplay:
         self._motion = driven_motion(self._robot, self.joints, None, posture, flexible=False)
         self._friction = friction
         index = robot.joint_indices
-        self._of_model = JointFriction(
+        self._of_model = Friction(
             robot.damping[index], robot.friction[index], np.zeros(len(index))
         )
         self.deflections = TipDeflections(robot)
@@ -162,7 +161,7 @@ class TorqueReplay:
         parts = self._rigid(motion, base)
         own = parts['friction']
         if self._friction is not None:
-            parts['friction'] = self._friction.torque(motion.qd)
+            parts['friction'] = self._friction.force(motion.qd)
             parts['offset'] = np.broadcast_to(self._friction.offset, own.shape)
         models = {'rigid': np.sum(list(parts.values()), axis=0)}
         if not self._bends:
@@ -259,7 +258,7 @@ class TorqueReplay:
             robot.inverse_dynamics(q, *rates, base=base)
             for rates in ((zero, zero), (qd, zero), (qd, qdd))
         ]
-        friction = self._of_model.torque(qd[:, index])
+        friction = self._of_model.force(qd[:, index])
         return (*(force[:, index] @ self._ties for force in forces), friction @ self._ties)
 
     def _in_loops(self, motion: SmoothedMotion, states: Array | None = None) -> tuple[Array, ...]:
@@ -279,7 +278,7 @@ class TorqueReplay:
                 states[:, k] = q, qd, qdd
             of_loops, friction = np.zeros((2, robot.n))
             driven.add_friction(qd, of_loops)
-            friction[robot.joint_indices] = self._of_model.torque(qd[robot.joint_indices])
+            friction[robot.joint_indices] = self._of_model.force(qd[robot.joint_indices])
             forces = (
                 robot.inverse_dynamics(q, zero, zero),
                 robot.inverse_dynamics(q, qd, zero) + of_loops,

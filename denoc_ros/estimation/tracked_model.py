@@ -9,14 +9,13 @@ from typing import NamedTuple
 import numpy as np
 
 from denoc_ros.dynamics.base_motion import BaseMotion
+from denoc_ros.dynamics.constraints import mimic_ties
 from denoc_ros.dynamics.driven_motion import driven_motion
-from denoc_ros.dynamics.live_numbers import LiveNumbers
-from denoc_ros.dynamics.mimic_joints import mimic_ties
+from denoc_ros.dynamics.parameter_columns import LiveNumbers
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.stepper import Stepper
 from denoc_ros.errors import SolverError
-from denoc_ros.estimation.block_sensitivity import BlockSensitivity
-from denoc_ros.estimation.block_sensors import BlockSensors
+from denoc_ros.estimation.block_sensitivity import BlockSensitivity, BlockSensors
 from denoc_ros.types import Array, Flags
 
 START = 0.005  # deviation of a tip's deflection at the start, as a share of the beam's length
@@ -182,7 +181,7 @@ class TrackedModel:
             self._numbers.set(robot, change)
 
     def _differentiate(self, q: Array, qd: Array, qdd: Array) -> None:
-        self._numbers.columns(q, qd, qdd, self.robot.slip_rate, self._regressor)
+        self._numbers.columns(q, qd, qdd, self._regressor)
         self._regressor *= self._size
 
     def _move_base(self, time: float) -> None:

@@ -8,13 +8,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from denoc_ros.errors import IdentificationError
-from denoc_ros.identification.clock import doubtful_rate
 from denoc_ros.identification.decrement import Convention, Decrement, log_decrement
 from denoc_ros.identification.fit import fit_modes
 from denoc_ros.identification.free_decay import COMPARABLE, HEAVY
 from denoc_ros.identification.modes import DOUBTFUL, GOOD, Modes, strongest
 from denoc_ros.identification.quality import Quality, assess
-from denoc_ros.identification.records import Record
+from denoc_ros.identification.records import Record, doubtful_rate
 from denoc_ros.identification.spectra import Method, SpectralDecay, evolving_spectra
 from denoc_ros.identification.windows import Span, decay_window, moving_until
 from denoc_ros.types import Array

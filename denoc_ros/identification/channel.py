@@ -10,19 +10,21 @@ from typing import Any
 
 import numpy as np
 
+from denoc_ros.bags.joint_state import FIELDS, JOINT_STATE
+from denoc_ros.bags.joint_table import TableTimes, shown, table_times
 from denoc_ros.bags.reader import Stamp, bag_topics, read_bag
-from denoc_ros.bags.series import elapsed, read_arrays, read_joint_states
+from denoc_ros.bags.series import (
+    elapsed,
+    element_names,
+    read_arrays,
+    read_joint_states,
+)
+from denoc_ros.bags.tables import is_table, is_time, read_table
 from denoc_ros.errors import BagError
-from denoc_ros.identification.clock import UNITS, is_time, time_column, unit_of_times
 from denoc_ros.identification.records import Record
-from denoc_ros.identification.tables import READERS, Table, read_table
 from denoc_ros.types import Array, Stamps
 
-JOINT_STATE = 'sensor_msgs/msg/JointState'
 MULTI_ARRAY = 'std_msgs/msg/Float64MultiArray'
-QUANTITIES = ('position', 'velocity', 'effort')
-BAGS = ('.mcap', '.db3')
-SHOWN = 20  # names in a message
 DEFLECTION_UNITS = {'u': 'm', 'r': 'rad'}
 DEEPEST = 4  # levels of a message that are looked into
 
@@ -139,11 +141,10 @@ def joint_positions(reading: Reading, begin: float, end: float) -> dict[str, flo
     if is_table(reading.path) or '/joint_states' not in bag_topics(reading.path):
         return {}
     series = read_joint_states(reading.path, stamp=reading.channel.stamp)
-    t = (series.stamp_ns - reading.origin_ns) * 1e-9
-    rows = series.position[(t >= begin) & (t <= end)]
-    if not len(rows):
+    rows = series.since(reading.origin_ns).between(begin, end)
+    if not len(rows.t):
         return {}
-    return dict(zip(series.names, np.nanmedian(rows, axis=0).tolist(), strict=True))
+    return dict(zip(rows.names, np.nanmedian(rows.position, axis=0).tolist(), strict=True))
 
 
 def channels_of(path: str | Path) -> list[Channel]:
@@ -160,12 +161,6 @@ def channels_of(path: str | Path) -> list[Channel]:
     return list(_bag_channels(path))
 
 
-def is_table(path: Path) -> bool:
-    """Say whether a path is that of a table: a file that is no bag."""
-    suffix = path.suffix.lower()
-    return suffix in READERS or (suffix not in BAGS and path.is_file())
-
-
 def _deflection_unit(channel: Channel) -> str:
     """Return the unit of a deflection such as `arm/uy`, '' where the name does not say."""
     component = re.search(r'/([ur])[xyz]$', channel.field)
@@ -179,10 +174,11 @@ def _table_samples(path: Path, channel: Channel) -> tuple[Channel, Array, Array]
     others = [name for name in columns if name != channel.time and not is_time(name)]
     field = channel.field or _only_one(path, 'field', others)
     if field not in columns:
-        listed = _shown(list(columns))
+        listed = shown(list(columns))
         raise BagError(f'{path}: field must be a column of numbers ({listed}), got {field!r}')
     values = columns[field]
-    time, unit, t = table_times(path, columns, channel, len(values))
+    times = TableTimes(channel.time, channel.time_unit, channel.rate)
+    time, unit, t = table_times(path, columns, times, len(values))
     if len(t) != len(values):
         raise BagError(
             f'{path}: {field} must have as many values as {time} has ({len(t)}), got {len(values)}'
@@ -190,43 +186,6 @@ def _table_samples(path: Path, channel: Channel) -> tuple[Channel, Array, Array]
     if channel.rate > 0.0:
         return replace(channel, field=field, time=''), t, values
     return replace(channel, field=field, time=time, time_unit=unit), t, values
-
-
-def table_times(path: Path, columns: Table, channel: Channel, rows: int) -> tuple[str, str, Array]:
-    """Return a table's column of times, its unit, and the times from the first row on [s].
-
-    Parameters
-    ----------
-    path : Path
-        Named in errors.
-    columns : Table
-        What `read_table` returns.
-    channel : Channel
-        Its `time`, `time_unit` and `rate` say how.
-    rows : int
-        How many times a rate makes.
-
-    Raises
-    ------
-    BagError
-        When there are no times.
-    """
-    if channel.time and channel.time not in columns:
-        listed = _shown(list(columns))
-        raise BagError(
-            f'{path}: time must be a column of numbers ({listed}), got {channel.time!r}'
-        )
-    time = channel.time or time_column(columns)
-    if channel.rate > 0.0:
-        return time, channel.time_unit or 's', np.arange(rows) / channel.rate
-    if not time:
-        raise BagError(
-            f'{path}: table must have a column of times, got {_shown(list(columns))}: name '
-            'the one that has them with --time COLUMN, or give the sample rate with --rate HZ'
-        )
-    t = columns[time]
-    unit = channel.time_unit or unit_of_times(time, t, columns.units.get(time, ''))
-    return time, unit, (t - t[np.isfinite(t).argmax()]) * UNITS[unit]  # below a row of units
 
 
 def _bag_samples(path: Path, channel: Channel) -> tuple[Channel, Stamps, Array]:
@@ -237,7 +196,7 @@ def _bag_samples(path: Path, channel: Channel) -> tuple[Channel, Stamps, Array]:
     if kind == JOINT_STATE:
         joints = read_joint_states(path, channel.topic, [channel.field], channel.stamp)
         values = getattr(joints, channel.quantity)[:, 0]
-        given = [one for one in QUANTITIES if np.any(np.isfinite(getattr(joints, one)))]
+        given = [one for one in FIELDS if np.any(np.isfinite(getattr(joints, one)))]
         if len(values) and channel.quantity not in given:
             raise BagError(
                 f'{path}: {channel.quantity} of {channel.field} on {channel.topic} must be in the '
@@ -245,9 +204,13 @@ def _bag_samples(path: Path, channel: Channel) -> tuple[Channel, Stamps, Array]:
             )
         return channel, joints.stamp_ns, values
     if kind == MULTI_ARRAY:
-        arrays = read_arrays(path, channel.topic, channel.stamp)
-        column = _column(path, channel, arrays.labels, arrays.values.shape[1])
-        return channel, arrays.stamp_ns, arrays.values[:, column]
+        stamp_ns, arrays = read_arrays(path, channel.topic, channel.stamp)
+        if channel.field not in arrays.names:
+            raise BagError(
+                f'{path}: field of {channel.topic} must be one of {", ".join(arrays.names)}, '
+                f'got {channel.field!r}'
+            )
+        return channel, stamp_ns, arrays.column(channel.field)
     stamps, values = [], []
     for item in read_bag(path, [channel.topic], channel.stamp):
         stamps.append(item.stamp_ns)
@@ -268,25 +231,9 @@ def _completed(path: Path, channel: Channel) -> Channel:
 
 def _only_one(path: Path, whose: str, names: list[str]) -> str:
     if len(names) != 1:
-        listed = _shown(names) or '(none)'
+        listed = shown(names) or '(none)'
         raise BagError(f'{path}: {whose} must be given, one of {listed}, got none')
     return names[0]
-
-
-def _shown(names: list[str]) -> str:
-    """Return names for a message: all, or the first of many."""
-    more = f' and {len(names) - SHOWN} more' if len(names) > SHOWN else ''
-    return ', '.join(names[:SHOWN]) + more
-
-
-def _column(path: Path, channel: Channel, labels: tuple[str, ...], width: int) -> int:
-    names = labels or tuple(str(k) for k in range(width))
-    if channel.field not in names:
-        raise BagError(
-            f'{path}: field of {channel.topic} must be one of {", ".join(names)}, '
-            f'got {channel.field!r}'
-        )
-    return names.index(channel.field)
 
 
 def _value(path: Path, channel: Channel, message: Any) -> float:
@@ -314,14 +261,11 @@ def _bag_channels(path: Path) -> Iterator[Channel]:
 
 def _message_channels(topic: str, kind: str, message: Any) -> Iterator[Channel]:
     if kind == JOINT_STATE:
-        for quantity in QUANTITIES:
+        for quantity in FIELDS:
             if len(getattr(message, quantity)):
                 yield from (Channel(topic, name, quantity) for name in message.name)
     elif kind == MULTI_ARRAY:
-        dimensions, width = message.layout.dim, len(message.data)
-        labels = dimensions[0].label.split(',') if dimensions else []
-        names = labels if len(labels) == width else [str(k) for k in range(width)]
-        yield from (Channel(topic, name) for name in names)
+        yield from (Channel(topic, name) for name in element_names(message))
     else:
         yield from (Channel(topic, name) for name, _ in _numbers(message, '', DEEPEST))
 

@@ -10,11 +10,11 @@ import scipy.linalg
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import least_squares, linear_sum_assignment, nnls
 
-from denoc_ros.dynamics.linearization import stiffness
+from denoc_ros.dynamics.natural_modes import stiffness
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import IdentificationError
-from denoc_ros.model.override_values import critical_damping, override_values
-from denoc_ros.model.segments import whole_beams
+from denoc_ros.model.numbers import values_of
+from denoc_ros.model.segments import deformations, whole_beams
 from denoc_ros.types import Array
 
 FARTHEST = 0.3  # of a measured frequency: no mode of the model beyond is taken for it
@@ -187,8 +187,8 @@ def _amplitudes(robot: Robot) -> list[_Amplitude]:
     found = []
     for beam in whole_beams(robot.tree):
         first = robot.amplitudes(beam.link).start
-        others = [[each for _, _, each in critical_damping(part)] for part in beam.beams]
-        for order, (name, _, critical) in enumerate(critical_damping(beam.segment)):
+        others = [[each for _, _, each in deformations(part)] for part in beam.beams]
+        for order, (name, _, critical) in enumerate(deformations(beam.segment)):
             path = f'beam.{beam.link}.{name}.damping_ratio'
             unit = 'N m s/rad' if name == 'torsion' else 'N s/m'
             own = first + np.arange(len(critical))
@@ -211,7 +211,7 @@ def _sum_of(index: NDArray[np.int64], weights: Array, squares: Array) -> Array:
 def _present_ratios(robot: Robot) -> Mapping[str, list[float]]:
     return {
         path: list(np.atleast_1d(value).tolist())
-        for path, value in override_values(robot.tree).items()
+        for path, value in values_of(robot.tree).items()
         if path.endswith('.damping_ratio')
     }
 

@@ -7,11 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from denoc_ros.errors import IdentificationError
-from denoc_ros.identification.clock import doubtful_rate
 from denoc_ros.identification.curves import NORMAL_95
 from denoc_ros.identification.friction_choice import choose_terms, open_questions, rejection
 from denoc_ros.identification.modes import DOUBTFUL, GOOD, NOT_IDENTIFIABLE
-from denoc_ros.identification.records import Record
+from denoc_ros.identification.records import Record, doubtful_rate
 from denoc_ros.identification.swing import JointSwing, swing_angles
 from denoc_ros.identification.swing_fit import (
     MODELS,

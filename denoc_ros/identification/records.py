@@ -8,10 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from denoc_ros.bags.tables import UNITS
 from denoc_ros.errors import IdentificationError
 from denoc_ros.types import Array
 
 FEWEST_SAMPLES = 8
+SLOWEST, FASTEST = 4.0, 2e6  # Hz: no mechanical record is sampled slower or faster
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,3 +101,13 @@ def _one_dimensional(name: str, field: str, values: ArrayLike | Sequence[float])
             f'sample {k}'
         )
     return array
+
+
+def doubtful_rate(record: Record) -> str:
+    """Return why a record's sample rate is doubted; '' where it can be one."""
+    rate = 1.0 / record.step
+    if SLOWEST <= rate <= FASTEST:
+        return ''
+    likely = [unit for unit, size in UNITS.items() if 10.0 <= rate / size <= 1e5]
+    hint = f': times may be in {likely[0]}, --time-unit {likely[0]}' if likely else ''
+    return f'sampled at {rate:.3g} Hz, as no mechanical record is{hint}'

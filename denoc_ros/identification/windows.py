@@ -6,9 +6,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from denoc_ros.bags.joint_state import JOINT_STATE
 from denoc_ros.bags.reader import bag_topics
 from denoc_ros.bags.series import read_joint_states
-from denoc_ros.identification.channel import JOINT_STATE, Reading, is_table
+from denoc_ros.bags.tables import is_table
+from denoc_ros.identification.channel import Reading
 from denoc_ros.identification.quality import Mask
 from denoc_ros.identification.records import FEWEST_SAMPLES, Record
 from denoc_ros.identification.segments import Segment, find_segments
@@ -40,7 +42,7 @@ def standing_spans(reading: Reading) -> list[Span]:
     if is_table(reading.path) or bag_topics(reading.path).get(JOINT_TOPIC) != JOINT_STATE:
         return []
     series = read_joint_states(reading.path, JOINT_TOPIC, stamp=channel.stamp)
-    t = np.asarray((series.stamp_ns - reading.origin_ns) * 1e-9, dtype=np.float64)
+    t = series.since(reading.origin_ns).t
     moving = [_moving(t, series.position[:, k]) for k in range(len(series.names))]
     told = [one for one in moving if one is not None]
     if not told:

@@ -11,26 +11,29 @@ from numba import types
 
 from denoc_ros.kernels import handle as rec_
 from denoc_ros.kernels import layout as at_
-from denoc_ros.kernels.array_object import READABLE, WRITABLE, array_object, content, is_vector
 from denoc_ros.kernels.block import block_at, wrench_of
 from denoc_ros.kernels.body_inertia import body_inertia, flexible_block
-from denoc_ros.kernels.compiled import NUMBERS, apart, inlined, kernel, rows_kernel
-from denoc_ros.kernels.flexible_elimination import inward_flexible, outward_flexible
+from denoc_ros.kernels.compiled import NUMBERS, apart, inlined, kernel
+from denoc_ros.kernels.elimination import (
+    along_joint,
+    inward_flexible,
+    inward_rigid,
+    outward_flexible,
+    outward_rigid,
+)
 from denoc_ros.kernels.handle import (
     GOOD,
-    MISFIT,
     NOT_FINITE,
     SINGULAR,
     at,
-    beyond,
     coordinates,
     elements,
     model_arrays,
 )
-from denoc_ros.kernels.internal import internal_force
 from denoc_ros.kernels.inverse import joint_force, outward_motion
 from denoc_ros.kernels.link_side import lacks_rotor
-from denoc_ros.kernels.rigid_elimination import along_joint, inward_rigid, outward_rigid
+from denoc_ros.kernels.spring import internal_force
+from denoc_ros.kernels.states import over_rows, vector_of_state
 from denoc_ros.kernels.vector import add, all_finite, load, scale
 
 
@@ -118,34 +121,10 @@ def find_acceleration(handle, q, qd, tau, qdd):
     )
 
 
-@kernel(types.int64(types.int64, array_object, array_object, array_object, array_object))
-def forward_dynamics(handle, q, qd, tau, qdd):
-    """Write the accelerations (n) under generalized forces tau (n)."""
-    n = coordinates(handle)
-    if not (
-        is_vector(handle, q, n, READABLE)
-        and is_vector(handle, qd, n, READABLE)
-        and is_vector(handle, tau, n, READABLE)
-        and is_vector(handle, qdd, n, WRITABLE)
-    ):
-        return MISFIT
-    return find_acceleration(handle, content(q), content(qd), content(tau), content(qdd))
+forward_dynamics = vector_of_state('forward_dynamics', find_acceleration)
 
 
-@rows_kernel(
-    'int64(int64, float64[:, ::1], float64[:, ::1], float64[:, ::1], int64, int64, '
-    'float64[:, ::1])'
-)
-def forward_dynamics_rows(handle, q, qd, tau, first, last, qdd):
-    """Do the same for rows first .. last - 1 of (k, n) states; return the worst status."""
-    n = coordinates(handle)
-    a, b, c, d = elements(q), elements(qd), elements(tau), elements(qdd)
-    worst = GOOD
-    for row in range(first, last):
-        k = n * row
-        status = find_acceleration(handle, beyond(a, k), beyond(b, k), beyond(c, k), beyond(d, k))
-        worst = max(worst, status)
-    return worst
+forward_dynamics_rows = over_rows('forward_dynamics_rows', find_acceleration, 4)
 
 
 @apart(types.int64(types.int64, *[NUMBERS] * 8))
@@ -185,22 +164,4 @@ def articulated_dynamics(handle, shift, held, q, qd, given, tau, qdd, torque):
     )  # fmt: skip
 
 
-@rows_kernel(
-    'int64(int64, float64[::1], float64[:, ::1], float64[:, ::1], float64[:, ::1], '
-    'float64[:, ::1], int64, int64, float64[:, ::1], float64[:, ::1])'
-)
-def articulated_dynamics_rows(handle, held, q, qd, given, tau, first, last, qdd, torque):
-    """Do the same for rows first .. last - 1 of (k, n) states; return the worst status."""
-    shift = model_arrays(handle)[3][rec_.ARMATURE]
-    n = coordinates(handle)
-    a, b, c, d = elements(q), elements(qd), elements(given), elements(tau)
-    e, f, flags = elements(qdd), elements(torque), elements(held)
-    worst = GOOD
-    for row in range(first, last):
-        k = n * row
-        status = find_articulated(
-            handle, shift, flags, beyond(a, k), beyond(b, k), beyond(c, k), beyond(d, k),
-            beyond(e, k), beyond(f, k),
-        )  # fmt: skip
-        worst = max(worst, status)
-    return worst
+articulated_dynamics_rows = over_rows('articulated_dynamics_rows', find_articulated, 8)

@@ -1,4 +1,7 @@
-"""The cache of compiled kernels: its folder, and its files with their checksums."""
+"""The cache of compiled kernels: its folder, and its files with their checksums.
+
+Nobody else can write to the folder: the compiled code in it is run.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +9,7 @@ import hashlib
 import logging
 import os
 import pickle
+import stat
 import sys
 import tempfile
 from collections.abc import Callable, Iterator
@@ -21,16 +25,109 @@ from numba.core.compiler import CompileResult
 from numba.core.serialize import dumps
 
 from denoc_ros.kernels import CHECKED
-from denoc_ros.kernels.private_folder import (
-    NotPrivateError,
-    is_writable_by_others,
-    private_folder,
-)
+
+OTHERS = stat.S_IWGRP | stat.S_IWOTH
+
+
+class NotPrivateError(PermissionError):
+    """Somebody else can write where only this user may."""
+
+
+def private_folder(path: Path) -> Path:
+    """Make a folder, and the missing ones above it, in which only this user can write.
+
+    Every folder on the way must belong to this user or to the system, and must not be writable by
+    others. A folder above it may be if it is sticky, as the temporary one is: nobody can replace
+    there what belongs to somebody else.
+
+    Parameters
+    ----------
+    path : Path
+        The folder; links on the way must belong to this user or to the system.
+
+    Returns
+    -------
+    Path
+        The folder without links.
+
+    Raises
+    ------
+    NotPrivateError
+        If somebody else can write there, with the reason.
+    OSError
+        If it cannot be made.
+    """
+    given = Path(os.path.abspath(path))
+    missing = []
+    existing = given
+    while not os.path.lexists(existing):
+        missing.append(existing)
+        existing = existing.parent
+    if missing:
+        _check_parents(missing[-1])
+    for each in reversed(missing):
+        with suppress(FileExistsError):  # by another process of ours, or refused below
+            # makedirs gives the mode to the last one only, and the others what the umask leaves
+            os.mkdir(each, 0o700)
+    _check_parents(given)
+    real = given.resolve(strict=True)
+    about = real.stat()
+    if not stat.S_ISDIR(about.st_mode):
+        raise NotADirectoryError(f'{real} is not a folder')
+    if about.st_uid != os.geteuid() or is_writable_by_others(about):
+        raise NotPrivateError(_objection(real, about))
+    return real
+
+
+def is_writable_by_others(about: os.stat_result) -> bool:
+    """Say whether more than the owner can write; a group of the user alone counts as the user."""
+    writable = about.st_mode & OTHERS
+    if writable == stat.S_IWGRP and _is_group_of_one(about.st_gid, about.st_uid):
+        return False
+    return bool(writable)
+
+
+def _check_parents(path: Path) -> None:
+    """Raise NotPrivateError unless the folders above a path are safe, and those behind links."""
+    for way in (path, path.parent.resolve() / path.name):
+        shared = False  # with others who can make files there
+        for each in (*reversed(way.parents), way):
+            if not os.path.lexists(each):
+                return
+            about = each.lstat()
+            # in a container the system's files may belong to the number of an unknown user
+            owners = {0, os.geteuid()} if shared else {0, os.geteuid(), os.stat('/').st_uid}
+            if about.st_uid not in owners:
+                raise NotPrivateError(_objection(each, about))
+            shared = stat.S_ISDIR(about.st_mode) and is_writable_by_others(about)
+            if shared and each != way and not about.st_mode & stat.S_ISVTX:
+                raise NotPrivateError(_objection(each, about))
+
+
+def _objection(folder: Path, about: os.stat_result) -> str:
+    mode = stat.S_IMODE(about.st_mode)
+    return (
+        f'{folder} must belong to user {os.geteuid()}, writable by nobody else, '
+        f'got owner {about.st_uid}, mode {mode:04o}'
+    )
+
+
+def _is_group_of_one(group: int, user: int) -> bool:
+    """Say whether a group is the one that many systems make for each user, without others."""
+    import grp
+    import pwd
+
+    try:
+        name, entry = pwd.getpwuid(user).pw_name, grp.getgrgid(group)
+    except KeyError:
+        return False
+    return entry.gr_name == name and set(entry.gr_mem) <= {name}
+
 
 LOG = logging.getLogger('denoc_ros')
 HERE = Path(__file__).resolve().parent
 # what these say changes no compiled code
-WITHOUT_KERNELS = ('__init__.py', 'cache.py', 'compiling.py', 'private_folder.py')
+WITHOUT_KERNELS = ('__init__.py', 'cache.py', 'compiling.py')
 SUFFIX = '.kernel'  # of a file: a checksum and machine code as numba serializes it
 CHECKSUM = hashlib.sha256
 
@@ -141,8 +238,12 @@ class KernelCache(caching.Cache):  # type: ignore[misc]
         for file in self._folder.glob(f'{self._name}.*{SUFFIX}'):
             file.unlink(missing_ok=True)
 
+    def _index_key(self, sig: Any, codegen: Any) -> tuple[Any, ...]:
+        """Return the key of a signature; the folder's name tells the source."""
+        return sig, codegen.magic_tuple()
+
     def _file(self, sig: Any, codegen: Any) -> Path:
-        """Return the file for a signature, a processor and the bytecode of the function."""
+        """Return the file for a signature and a processor."""
         key = CHECKSUM(repr(self._index_key(sig, codegen)).encode()).hexdigest()[:16]
         return self._folder / f'{self._name}.{key}{SUFFIX}'
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import cache
 from itertools import chain
 from typing import Any
 
@@ -88,7 +89,7 @@ def kernel(signature: Any) -> Callable[[Callable[..., Any]], Any]:
     return _declared(signature, _njit(**_OPTIONS))
 
 
-def rows_kernel(signature: str) -> Callable[[Callable[..., Any]], Any]:
+def rows_kernel(signature: Any) -> Callable[[Callable[..., Any]], Any]:
     """Declare a function over many states, which lets other threads run meanwhile."""
     return _declared(signature, _njit(nogil=True, **_OPTIONS))
 
@@ -161,8 +162,8 @@ def _symbols(dispatcher: Any) -> set[str]:
         if function in seen:
             continue
         seen.add(function)
-        for name in function.__code__.co_names:
-            called = function.__globals__.get(name)
+        cells = [cell.cell_contents for cell in function.__closure__ or ()]
+        for called in (*map(function.__globals__.get, function.__code__.co_names), *cells):
             if isinstance(called, types.ExternalFunction):
                 found.add(called.symbol)
             elif hasattr(called, 'py_func'):
@@ -170,12 +171,15 @@ def _symbols(dispatcher: Any) -> set[str]:
     return found
 
 
+@cache
 def entry(dispatcher: Any) -> Callable[..., int]:
-    """Return the compiled function of a kernel that is ready, which takes types on trust.
+    """Return the compiled function of a kernel, which takes types on trust; compile it if need be.
 
     The dispatcher before it looks at the type of every argument. Only for kernels whose arguments
-    are an address and arrays that they look into by themselves.
+    are numbers, and arrays whose types are known or that they look into by themselves.
     """
+    if not dispatcher.overloads:
+        ready(dispatcher)
     (compiled,) = dispatcher.overloads.values()
     function: Callable[..., int] = compiled.entry_point
     return function

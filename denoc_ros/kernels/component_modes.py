@@ -9,9 +9,9 @@ numbers stand side by side in whole lanes; only the first BENT components have a
 from denoc_ros.kernels import layout as at_
 from denoc_ros.kernels.compiled import short_inlined, short_shared
 from denoc_ros.kernels.derivative_layout import LANES
-from denoc_ros.kernels.exponential import exponential_coefficients, square_plus
 from denoc_ros.kernels.handle import at
 from denoc_ros.kernels.lanes import plus_product, put_all, spread, take, total
+from denoc_ros.kernels.rotation import exponential_coefficients, square_plus
 from denoc_ros.kernels.vector import accumulate, add, cross, dot, load, rotate, scale, store
 
 

@@ -1,4 +1,7 @@
-"""The generalized inertia matrix by composite bodies (section 3.2), and the energies."""
+"""Sums over composite bodies: the generalized inertia matrix (section 3.2), energies, momentum.
+
+Momentum, mass and first moment of all bodies together are in base axes about the base's origin.
+"""
 
 from numba import types
 
@@ -14,22 +17,22 @@ from denoc_ros.kernels.array_object import (
 )
 from denoc_ros.kernels.block import six
 from denoc_ros.kernels.body_inertia import flexible_inertia
-from denoc_ros.kernels.compiled import inlined, kernel, rows_kernel, shared
+from denoc_ros.kernels.compiled import inlined, kernel, shared
 from denoc_ros.kernels.handle import (
     GOOD,
     MISFIT,
     NOT_FINITE,
+    ZERO,
     at,
-    beyond,
     coordinates,
-    elements,
     model_arrays,
 )
 from denoc_ros.kernels.inverse import outward_motion
 from denoc_ros.kernels.motion import linear_velocity
 from denoc_ros.kernels.placement import place_by_sines, place_modes
-from denoc_ros.kernels.sine_cosine import write_sines
+from denoc_ros.kernels.rotation import write_sines
 from denoc_ros.kernels.spring import spring_energy
+from denoc_ros.kernels.states import over_rows
 from denoc_ros.kernels.vector import (
     accumulate,
     add,
@@ -249,15 +252,7 @@ def inertia_matrix(handle, q, out):
     return find_inertia(handle, content(q), content(out))
 
 
-@rows_kernel('int64(int64, float64[:, ::1], int64, int64, float64[:, :, ::1])')
-def inertia_matrix_rows(handle, q, first, last, out):
-    """Do the same for rows first .. last - 1 of (k, n) states; return the worst status."""
-    n = coordinates(handle)
-    a, b = elements(q), elements(out)
-    worst = GOOD
-    for k in range(first, last):
-        worst = max(worst, find_inertia(handle, beyond(a, n * k), beyond(b, n * n * k)))
-    return worst
+inertia_matrix_rows = over_rows('inertia_matrix_rows', find_inertia, 2)
 
 
 @inlined
@@ -331,13 +326,57 @@ def energies(handle, q, qd, out):
     return find_energies(handle, content(q), content(qd), content(out))
 
 
-@rows_kernel('int64(int64, float64[:, ::1], float64[:, ::1], int64, int64, float64[:, ::1])')
-def energies_rows(handle, q, qd, first, last, out):
-    """Do the same for rows first .. last - 1 of (k, n) states; return the worst status."""
+energies_rows = over_rows('energies_rows', find_energies, 3)
+
+
+LINEAR = 0  # (3) linear momentum
+ANGULAR = 3  # (3) angular momentum
+MASS = 6
+FIRST_MOMENT = 7  # (3) mass times centre of mass
+MOMENTUM_SIZE = 10
+
+
+@inlined
+def body_momentum(topology, work, qd, i):
+    """Return linear and angular momentum of body i alone, body axes, about its origin."""
+    u = at(topology, i, at_.WORK)
+    p, turning = rigid_wrench(
+        work, u + at_.COMPOSITE, load(work, u + at_.VELOCITY), load(work, u + at_.ANGULAR_VELOCITY)
+    )
+    m = at(topology, i, at_.MODES)
+    size = 6 + m
+    d = at(topology, i, at_.COORDINATE) + at(topology, i, at_.JOINT)
+    for r in range(m):
+        c = at(topology, i, at_.INERTIA_WORK) + 6 + r
+        p = add(p, scale(qd[d + r], (work[c], work[c + size], work[c + 2 * size])))
+        c += 3 * size
+        turning = add(turning, scale(qd[d + r], (work[c], work[c + size], work[c + 2 * size])))
+    return p, turning
+
+
+@shared
+def find_momentum(handle, q, qd, out):
+    """Write momentum, mass and first moment (10)."""
+    topology, constants, work, diagonals, bodies = model_arrays(handle)
     n = coordinates(handle)
-    a, b, c = elements(q), elements(qd), elements(out)
-    worst = GOOD
-    for k in range(first, last):
-        status = find_energies(handle, beyond(a, n * k), beyond(b, n * k), beyond(c, 2 * k))
-        worst = max(worst, status)
-    return worst
+    outward_motion(n, topology, constants, work, diagonals, bodies, q, qd, diagonals[ZERO])
+    for k in range(MOMENTUM_SIZE):
+        out[k] = 0.0
+    for i in range(1, bodies + 1):
+        own_composite(topology, constants, work, i)
+        linear_velocity(topology, constants, work, qd, i)
+        world_pose(topology, work, i)
+        u = at(topology, i, at_.WORK)
+        turn, x = u + at_.WORLD_ROTATION, load(work, u + at_.WORLD_POSITION)
+        p, turning = body_momentum(topology, work, qd, i)
+        p = rotate(work, turn, p)
+        accumulate(out, LINEAR, p)
+        accumulate(out, ANGULAR, add(rotate(work, turn, turning), cross(x, p)))
+        mass = work[u + at_.COMPOSITE]
+        out[MASS] += mass
+        moment = rotate(work, turn, load(work, u + at_.COMPOSITE + 1))
+        accumulate(out, FIRST_MOMENT, add(moment, scale(mass, x)))
+    return GOOD if all_finite(out, MOMENTUM_SIZE) else NOT_FINITE
+
+
+momentum_rows = over_rows('momentum_rows', find_momentum, 3)

@@ -18,7 +18,7 @@ from denoc_ros.kernels.articulated import (
     outward_accelerations,
 )
 from denoc_ros.kernels.closure import all_rows, constraint_rows, constraints
-from denoc_ros.kernels.compiled import NUMBERS, apart, inlined, kernel, rows_kernel
+from denoc_ros.kernels.compiled import NUMBERS, apart, inlined, kernel, shared
 from denoc_ros.kernels.constraint_columns import constraint_columns
 from denoc_ros.kernels.handle import (
     GOOD,
@@ -26,12 +26,9 @@ from denoc_ros.kernels.handle import (
     NOT_FINITE,
     SINGULAR,
     at,
-    beyond,
     coordinates,
-    elements,
     model_arrays,
 )
-from denoc_ros.kernels.internal import internal_force
 from denoc_ros.kernels.inverse import outward_motion
 from denoc_ros.kernels.link_side import lacks_rotor
 from denoc_ros.kernels.motion import linear_velocity
@@ -43,6 +40,8 @@ from denoc_ros.kernels.multipliers import (
     vector,
     write_products,
 )
+from denoc_ros.kernels.spring import internal_force
+from denoc_ros.kernels.states import over_rows
 from denoc_ros.kernels.step import FIRST_STAGE, SECOND_STAGE
 from denoc_ros.kernels.vector import all_finite
 
@@ -106,6 +105,15 @@ def add_rows(work, t, rows, first, last, n, y):
 
 
 @inlined
+def axis_resistance(constants, c, rate):
+    """Return force and slope of damping and friction along a free axis."""
+    slip = np.tanh(rate / constants[at_.SLIP_RATE])
+    force = constants[c + loop_.DAMPING] * rate + constants[c + loop_.FRICTION] * slip
+    slope = constants[c + loop_.FRICTION] / constants[at_.SLIP_RATE] * (1.0 - slip * slip)
+    return force, constants[c + loop_.DAMPING] + slope
+
+
+@inlined
 def resist(topology, constants, work, t, rows, stage):
     """Write the forces of damping and friction along free axes as multipliers, and their slope."""
     for constraint in constraints(topology):
@@ -113,14 +121,11 @@ def resist(topology, constants, work, t, rows, stage):
         if at(topology, constraint, loop_.KIND) == loop_.MIMIC or k == 0:
             continue
         c = at(topology, constraint, loop_.CONSTANTS)
-        rate = work[vector(t, rows, loop_.RATE) + k]
-        slip = np.tanh(rate / constants[at_.SLIP_RATE])
-        force = constants[c + loop_.DAMPING] * rate + constants[c + loop_.FRICTION] * slip
+        force, slope = axis_resistance(constants, c, work[vector(t, rows, loop_.RATE) + k])
         push = work[vector(t, rows, loop_.AXIS_FORCE) + k] if stage == SECOND_STAGE else 0.0
         work[vector(t, rows, loop_.MULTIPLIERS) + k] = push - force
         if stage == FIRST_STAGE:
-            slope = constants[c + loop_.FRICTION] / constants[at_.SLIP_RATE] * (1.0 - slip * slip)
-            work[vector(t, rows, loop_.SLOPE) + k] = constants[c + loop_.DAMPING] + slope
+            work[vector(t, rows, loop_.SLOPE) + k] = slope
 
 
 @inlined
@@ -202,19 +207,23 @@ def find_constrained(handle, stage, g, shift, held, q, qd, given, tau, qdd):
     return GOOD if good else CONTRADICTED
 
 
-@inlined
-def copy_multipliers(handle, out):
-    """Write the multipliers (rows) that the last solve found."""
-    topology, _reals, work, _diagonals, _bodies = model_arrays(handle)
+@shared
+def find_constrained_motion(handle, held, q, qd, given, tau, qdd, multipliers):
+    """Write q'' (n) and multipliers (rows) under forces tau (n), some joints' q'' given."""
+    topology, _reals, work, diagonals, _bodies = model_arrays(handle)
+    status = find_constrained(
+        handle, EXPLICIT, 0.0, diagonals[rec_.ARMATURE], held, q, qd, given, tau, qdd
+    )
     found = vector(at(topology, 0, loop_.CONSTRAINTS_WORK), all_rows(topology), loop_.MULTIPLIERS)
     for k in range(at(topology, 0, loop_.ROWS)):
-        out[k] = work[found + k]
+        multipliers[k] = work[found + k]
+    return status
 
 
 @kernel(types.int64(types.int64, *([array_object] * 7)))
 def constrained_dynamics(handle, held, q, qd, given, tau, qdd, multipliers):
     """Write q'' (n) and multipliers (rows) under forces tau (n), some joints' q'' given."""
-    topology, _reals, _work, diagonals, _bodies = model_arrays(handle)
+    topology = model_arrays(handle)[0]
     n = coordinates(handle)
     if not (
         is_vector(handle, held, n, READABLE)
@@ -226,33 +235,10 @@ def constrained_dynamics(handle, held, q, qd, given, tau, qdd, multipliers):
         and is_vector(handle, multipliers, at(topology, 0, loop_.ROWS), WRITABLE)
     ):
         return MISFIT
-    status = find_constrained(
-        handle, EXPLICIT, 0.0, diagonals[rec_.ARMATURE], content(held), content(q), content(qd),
-        content(given), content(tau), content(qdd),
+    return find_constrained_motion(
+        handle, content(held), content(q), content(qd), content(given), content(tau),
+        content(qdd), content(multipliers),
     )  # fmt: skip
-    copy_multipliers(handle, content(multipliers))
-    return status
 
 
-@rows_kernel(
-    'int64(int64, float64[::1], float64[:, ::1], float64[:, ::1], float64[:, ::1], '
-    'float64[:, ::1], int64, int64, float64[:, ::1], float64[:, ::1])'
-)
-def constrained_dynamics_rows(handle, held, q, qd, given, tau, first, last, qdd, multipliers):
-    """Do the same for rows first .. last - 1 of (k, n) states; return the worst status."""
-    topology, _reals, _work, diagonals, _bodies = model_arrays(handle)
-    n = coordinates(handle)
-    a, b, c, d = elements(q), elements(qd), elements(given), elements(tau)
-    e, f, flags = elements(qdd), elements(multipliers), elements(held)
-    worst = GOOD
-    for row in range(first, last):
-        k = n * row
-        status = find_constrained(
-            handle, EXPLICIT, 0.0, diagonals[rec_.ARMATURE], flags, beyond(a, k), beyond(b, k),
-            beyond(c, k), beyond(d, k), beyond(e, k),
-        )  # fmt: skip
-        copy_multipliers(handle, beyond(f, at(topology, 0, loop_.ROWS) * row))
-        worst = max(worst, status)
-        if worst != GOOD:
-            return worst
-    return worst
+constrained_dynamics_rows = over_rows('constrained_dynamics_rows', find_constrained_motion, 7)

@@ -16,19 +16,9 @@ import numpy as np
 from denoc_ros.kernels import constrained_derivative_layout as cdiff_
 from denoc_ros.kernels import constraint_layout as loop_
 from denoc_ros.kernels.closure import all_rows, constraints
-from denoc_ros.kernels.compiled import kernel, merged, rows_kernel, shared
-from denoc_ros.kernels.constrained import EXPLICIT, find_constrained
-from denoc_ros.kernels.constrained_accelerations import (
-    push_motion,
-    solve_pushes,
-    solve_tree,
-    turn_multipliers,
-    want_rows,
-)
-from denoc_ros.kernels.constrained_results import deliver_all
-from denoc_ros.kernels.constrained_rooms import room, room_place
+from denoc_ros.kernels.compiled import inlined, kernel, merged, rows_kernel, shared
+from denoc_ros.kernels.constrained import EXPLICIT, axis_resistance, find_constrained
 from denoc_ros.kernels.constrained_torques import (
-    axis_resistance,
     factor_saddle,
     find_need,
     find_reactions,
@@ -36,8 +26,17 @@ from denoc_ros.kernels.constrained_torques import (
     keeps_closed,
     row_rate,
 )
-from denoc_ros.kernels.constraint_forces import subtract_force_change, subtract_wrench
-from denoc_ros.kernels.constraint_rates import constraint_rates, places_of
+from denoc_ros.kernels.constraint_layout import ROWS
+from denoc_ros.kernels.constraint_rates import (
+    add_products,
+    constraint_rates,
+    places_of,
+    room,
+    room_place,
+    subtract_force_change,
+    subtract_wrench,
+)
+from denoc_ros.kernels.forward_derivatives import drive_columns
 from denoc_ros.kernels.handle import (
     ARMATURE,
     GOOD,
@@ -49,10 +48,181 @@ from denoc_ros.kernels.handle import (
     model_arrays,
 )
 from denoc_ros.kernels.inverse_derivatives import find_derivatives
-from denoc_ros.kernels.multipliers import vector
+from denoc_ros.kernels.multipliers import keep_consistent, solve_rows, vector
 from denoc_ros.kernels.pointers import beyond, part, span
+from denoc_ros.kernels.right_hand_sides import factors_to_base, solve_columns
 from denoc_ros.kernels.vector import all_finite
 from denoc_ros.kernels.world import find_jacobian
+
+
+@shared
+def solve_tree(handle, flags, places):
+    """Write changes of the free accelerations as if nothing closed the loops."""
+    topology, _constants, work, _diagonals, bodies = model_arrays(handle)
+    n = coordinates(handle)
+    size = n * n
+    for k in range(2 * size):
+        work[places.motion + k] = -work[places.by_q + k]
+    x = part(work, places.motion, size)
+    y = part(work, places.motion + size, size)
+    z = part(work, places.motion + 2 * size, size)
+    drive_columns(n, flags, part(work, places.inertia, size), z)
+    factors_to_base(topology, work, flags, bodies)
+    solve_columns(n, topology, work, bodies, flags, (x, y, z))
+    for r in range(n):
+        if flags[r] != 0.0:
+            for j in range(n):
+                x[n * r + j] = 0.0
+                y[n * r + j] = 0.0
+                z[n * r + j] = 1.0 if j == r else 0.0
+
+
+@merged
+def want_rows(topology, work, places, n):
+    """Write to the pushes the residual of the rows under the tree's accelerations."""
+    hard = at(topology, 0, loop_.ROWS)
+    size, block = all_rows(topology) * n, hard * n
+    for k in range(block):
+        work[places.pushes + k] = -work[places.rates + 2 * size + k]
+        work[places.pushes + block + k] = -2.0 * work[places.rates + size + k]
+        work[places.pushes + 2 * block + k] = 0.0
+    for which in range(3):
+        for k in range(hard):
+            for i in range(n):
+                factor = -work[places.rates + n * k + i]
+                source = places.motion + which * n * n + n * i
+                target = places.pushes + which * block + n * k
+                for j in range(n):
+                    work[target + j] += factor * work[source + j]
+
+
+@shared
+def solve_pushes(topology, work, places, n):
+    """Replace the residuals of the rows by the multipliers that remove them."""
+    t = at(topology, 0, loop_.CONSTRAINTS_WORK)
+    rows, hard = all_rows(topology), at(topology, 0, loop_.ROWS)
+    wanted, found = vector(t, rows, loop_.WANTED), vector(t, rows, loop_.MULTIPLIERS)
+    for which in range(3):
+        for j in range(n):
+            o = places.pushes + which * hard * n + j
+            for k in range(hard):
+                work[wanted + k] = work[o + n * k]
+            keep_consistent(work, t, rows, hard, n, loop_.WANTED)
+            solve_rows(work, t, rows, hard, n)
+            for k in range(hard):
+                work[o + n * k] = work[found + k]
+
+
+@merged
+def push_motion(topology, work, places, flags, n):
+    """Add the multipliers' accelerations; I^-1 J^T (n, r) stays after these."""
+    hard = at(topology, 0, loop_.ROWS)
+    columns = places.pushes + 3 * hard * n
+    inverse = places.motion + 2 * n * n
+    for i in range(n):
+        for k in range(hard):
+            total = 0.0
+            for j in range(n):
+                if flags[j] == 0.0:
+                    total += work[inverse + n * i + j] * work[places.rates + n * k + j]
+            work[columns + hard * i + k] = total
+    for which in range(3):
+        pushes, target = places.pushes + which * hard * n, places.motion + which * n * n
+        add_products(work, columns, pushes, n, hard, n, target)
+
+
+@shared
+def turn_multipliers(handle, q, places):
+    """Add the turning of redundant rows to the multipliers' changes by q."""
+    topology, _constants, work, _diagonals, _bodies = model_arrays(handle)
+    n = coordinates(handle)
+    t = at(topology, 0, loop_.CONSTRAINTS_WORK)
+    rows, hard = all_rows(topology), at(topology, 0, loop_.ROWS)
+    if np.int64(work[t + loop_.RANK]) == hard:
+        return
+    wanted, found = vector(t, rows, loop_.WANTED), vector(t, rows, loop_.MULTIPLIERS)
+    weights = room(topology, work, places, n, cdiff_.WEIGHTS)
+    turning = room(topology, work, places, n, cdiff_.TURNING)
+    columns = places.pushes + 3 * hard * n
+    for k in range(hard):
+        work[wanted + k] = weights[k]
+    solve_rows(work, t, rows, hard, n)
+    for i in range(n):
+        turning[i] = 0.0
+        for k in range(hard):
+            turning[i] += work[columns + hard * i + k] * work[found + k]
+    still = room(topology, work, places, n, cdiff_.STILL)
+    constraint_rates(handle, q, still, turning, places.applied)
+    change = places.applied + 2 * rows * n
+    for j in range(n):
+        for k in range(hard):
+            work[wanted + k] = work[change + n * k + j]
+        keep_consistent(work, t, rows, hard, n, loop_.WANTED)
+        for k in range(hard):
+            turned = work[change + n * k + j] - work[wanted + k]
+            work[places.pushes + n * k + j] += turned
+
+
+@inlined
+def deliver(work, source, rows, n, target, row):
+    """Copy a matrix (rows, n) to row `row` of an array at an address; say if it is finite."""
+    size = rows * n
+    out = span(target + 8 * size * row, size, np.float64)
+    for k in range(size):
+        out[k] = work[source + k]
+    return all_finite(out, size)
+
+
+@inlined
+def deliver_split(work, source, rows, n, joints, targets, row):
+    """Copy columns of actuated coordinates to one array and the others to another.
+
+    joints: the actuated coordinates, how many they are and their flags; targets: two addresses.
+    """
+    actuated, count, flags = joints
+    size = rows * count
+    out = span(targets[0] + 8 * size * row, size, np.float64)
+    for i in range(rows):
+        for c in range(count):
+            out[count * i + c] = work[source + n * i + actuated[c]]
+    rest = span(targets[1] + 8 * rows * n * row, rows * n, np.float64)
+    for i in range(rows):
+        for j in range(n):
+            rest[n * i + j] = work[source + n * i + j] if flags[j] == 0.0 else 0.0
+    return all_finite(out, size) and all_finite(rest, rows * n)
+
+
+@inlined
+def deliver_three(work, source, block, rows, n, joints, verb, targets, row):
+    """Copy three matrices (rows, n), `block` apart, to arrays; say if they are finite."""
+    good = deliver(work, source, rows, n, targets[0], row)
+    good = deliver(work, source + block, rows, n, targets[1], row) and good
+    source += 2 * block
+    if verb == cdiff_.HYBRID:
+        rest = beyond(targets, 2)
+        return good and deliver_split(work, source, rows, n, joints, rest, row)
+    return good and deliver(work, source, rows, n, targets[2], row)
+
+
+@merged
+def deliver_all(handle, verb, actuated, count, targets, row):
+    """Copy the results to row `row` of the arrays at some addresses; return the status."""
+    topology, _constants, work, _diagonals, _bodies = model_arrays(handle)
+    n = coordinates(handle)
+    places, hard = places_of(topology, n), at(topology, 0, ROWS)
+    joints = actuated, count, room(topology, work, places, n, cdiff_.FLAGS)
+    good, step = True, 4 if verb == cdiff_.HYBRID else 3
+    if verb != cdiff_.FORWARD:
+        good = deliver_three(work, places.torques, n * n, count, n, joints, verb, targets, row)
+        targets = beyond(targets, step)
+    if verb != cdiff_.INVERSE:
+        good = deliver_three(work, places.motion, n * n, n, n, joints, verb, targets, row) and good
+        targets = beyond(targets, step)
+    good = (
+        deliver_three(work, places.pushes, hard * n, hard, n, joints, verb, targets, row) and good
+    )
+    return GOOD if good else NOT_FINITE
+
 
 # statuses: accelerations open the rows; they are none that the actuated joints can give
 OPENING = 6

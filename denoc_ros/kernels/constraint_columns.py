@@ -10,8 +10,8 @@ from denoc_ros.kernels import constraint_layout as loop_
 from denoc_ros.kernels import layout as at_
 from denoc_ros.kernels.articulated import free_joint
 from denoc_ros.kernels.compiled import inlined, shared
+from denoc_ros.kernels.elimination import along_joint
 from denoc_ros.kernels.handle import at
-from denoc_ros.kernels.rigid_elimination import along_joint
 from denoc_ros.kernels.vector import (
     add,
     cross,

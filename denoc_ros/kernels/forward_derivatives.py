@@ -4,18 +4,16 @@ I q'' + h = tau holds for every state: d q'' = -I_ff^-1 d(I q'' + h)_f at the ac
 belong to it, and forces of held joints follow them. Right-hand sides take O(n) each.
 """
 
-from numba import types
-
 from denoc_ros.kernels import handle as rec_
-from denoc_ros.kernels.array_object import array_object, content
 from denoc_ros.kernels.articulated import find_articulated
-from denoc_ros.kernels.compiled import inlined, kernel, merged, rows_kernel
-from denoc_ros.kernels.handle import GOOD, MISFIT, beyond, coordinates, elements, model_arrays
-from denoc_ros.kernels.inverse_derivatives import find_derivatives, fit
+from denoc_ros.kernels.compiled import inlined, shared
+from denoc_ros.kernels.handle import GOOD, beyond, coordinates, model_arrays
+from denoc_ros.kernels.inverse_derivatives import find_derivatives
 from denoc_ros.kernels.right_hand_sides import factors_to_base, solve_columns
+from denoc_ros.kernels.states import matrices_of_state, over_rows
 
 
-@merged
+@shared
 def find_forward_derivatives(handle, q, qd, tau, by_q, by_rate, inverse):
     """Write d q'' / dq, d q'' / dq' and I^-1 (n, n each)."""
     topology, _reals, work, diagonals, bodies = model_arrays(handle)
@@ -43,35 +41,14 @@ def find_forward_derivatives(handle, q, qd, tau, by_q, by_rate, inverse):
     return GOOD
 
 
-@kernel(types.int64(types.int64, *[array_object] * 6))
-def forward_dynamics_derivatives(handle, q, qd, tau, by_q, by_rate, inverse):
-    """Write d q'' / dq, d q'' / dq' and I^-1 (n, n each)."""
-    if not fit(handle, (q, qd, tau), (by_q, by_rate, inverse)):
-        return MISFIT
-    return find_forward_derivatives(
-        handle, content(q), content(qd), content(tau), content(by_q), content(by_rate),
-        content(inverse),
-    )  # fmt: skip
-
-
-@rows_kernel(
-    'int64(int64, float64[:, ::1], float64[:, ::1], float64[:, ::1], int64, int64, '
-    'float64[:, :, ::1], float64[:, :, ::1], float64[:, :, ::1])'
+forward_dynamics_derivatives = matrices_of_state(
+    'forward_dynamics_derivatives', find_forward_derivatives
 )
-def forward_dynamics_derivatives_rows(handle, q, qd, tau, first, last, by_q, by_rate, inverse):
-    """Do the same for rows first .. last - 1 of (k, n) states; return the worst status."""
-    n = coordinates(handle)
-    a, b, c = elements(q), elements(qd), elements(tau)
-    d, e, f = elements(by_q), elements(by_rate), elements(inverse)
-    worst = GOOD
-    for row in range(first, last):
-        k, m = n * row, n * n * row
-        status = find_forward_derivatives(
-            handle, beyond(a, k), beyond(b, k), beyond(c, k), beyond(d, m), beyond(e, m),
-            beyond(f, m),
-        )  # fmt: skip
-        worst = max(worst, status)
-    return worst
+
+
+forward_dynamics_derivatives_rows = over_rows(
+    'forward_dynamics_derivatives_rows', find_forward_derivatives, 6
+)
 
 
 @inlined
@@ -100,7 +77,7 @@ def drive_columns(n, held, inertia, x):
             x[(n + 1) * r] = 1.0
 
 
-@merged
+@shared
 def find_hybrid_derivatives(handle, held, states, found):
     """Write the derivatives of hybrid dynamics: tau of held joints, q'' of the others.
 
@@ -131,15 +108,6 @@ def find_hybrid_derivatives(handle, held, states, found):
     return GOOD
 
 
-@rows_kernel('int64(int64, float64[::1], float64[:, :, ::1], int64, int64, float64[:, ::1])')
-def hybrid_dynamics_derivatives_rows(handle, held, states, first, last, found):
-    """Do so for rows first .. last - 1 of (k, 4, n) states; return the worst status."""
-    n = coordinates(handle)
-    worst = GOOD
-    for row in range(first, last):
-        status = find_hybrid_derivatives(
-            handle, elements(held), beyond(elements(states), 4 * n * row),
-            beyond(elements(found), n * (4 * n + 1) * row),
-        )  # fmt: skip
-        worst = max(worst, status)
-    return worst
+hybrid_dynamics_derivatives_rows = over_rows(
+    'hybrid_dynamics_derivatives_rows', find_hybrid_derivatives, 3
+)

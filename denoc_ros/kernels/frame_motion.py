@@ -6,15 +6,25 @@ partial derivatives are time derivatives of columns; of rotations they differ by
 
     dv/dq_j = L'     dw/dq_j = T' + T x w     da/dq_j = L''    dal/dq_j = T'' + T' x w + T x al
     da/dq'_j = 2 L'  dal/dq'_j = 2 T' + T x w
+An IMU reads angular velocity and specific force of its frame, along its own axes.
 """
 
+import numpy as np
+
 from denoc_ros.kernels import layout as at_
-from denoc_ros.kernels.compiled import inlined, kernel, rows_kernel, shared
-from denoc_ros.kernels.handle import GOOD, at, beyond, coordinates, elements, model_arrays
+from denoc_ros.kernels.compiled import inlined, shared
+from denoc_ros.kernels.handle import (
+    GOOD,
+    NOT_FINITE,
+    at,
+    coordinates,
+    model_arrays,
+)
 from denoc_ros.kernels.motion import linear_velocity, move_body, section_motion, section_rates
 from denoc_ros.kernels.placement import place_body
 from denoc_ros.kernels.section_columns import column_change, mode_turn, turning_rates, unit
-from denoc_ros.kernels.vector import add, cross, load, rotate, scale, subtract
+from denoc_ros.kernels.states import over_rows
+from denoc_ros.kernels.vector import add, all_finite, cross, load, rotate, scale, store, subtract
 from denoc_ros.kernels.world import section_place, world_pose
 
 ZERO = (0.0, 0.0, 0.0)
@@ -170,14 +180,16 @@ def write_columns(write, topology, constants, work, qd, qdd, i, frame, out, n):
 
 
 @inlined
-def walk(write, blocks, handle, q, qd, qdd, i, out):
-    """Write the blocks (6, n) that `write` makes of every column of row i's Jacobian."""
+def walk(write, blocks, handle, q, qd, qdd, frame, out):
+    """Write the blocks (6, n) that `write` makes of every column of a frame's Jacobian."""
+    i = np.int64(frame[0])
     topology, constants, work, _diagonals, bodies = model_arrays(handle)
     n = coordinates(handle)
-    frame = move_world(topology, constants, work, bodies, q, qd, qdd, i)
+    motion = move_world(topology, constants, work, bodies, q, qd, qdd, i)
     for k in range(6 * n * blocks):
         out[k] = 0.0
-    write_columns(write, topology, constants, work, qd, qdd, i, frame, out, n)
+    write_columns(write, topology, constants, work, qd, qdd, i, motion, out, n)
+    return GOOD
 
 
 @inlined
@@ -212,100 +224,79 @@ def write_acceleration(out, n, j, linear, turn, w, al):
     put(out, n, 2, j, linear[0], turn[0])
 
 
-STATE = 'int64, float64[::1], float64[::1], float64[::1], int64'
-ROWS = 'int64, float64[:, ::1], float64[:, ::1], float64[:, ::1], int64, int64, int64'
+# each takes a frame as a number, its row of the model
 
 
 @shared
-def find_motion(handle, q, qd, qdd, i, out):
-    """Write twist and classical acceleration (2, 6) of row i: linear first, base axes."""
+def find_motion(handle, q, qd, qdd, frame, out):
+    """Write twist and classical acceleration (2, 6) of a frame: linear first, base axes."""
     topology, constants, work, _diagonals, bodies = model_arrays(handle)
+    i = np.int64(frame[0])
     _position, v, a, w, al = move_world(topology, constants, work, bodies, q, qd, qdd, i)
     a = add(a, load(work, at_.BASE_GRAVITY))
     for k in range(3):
         out[k], out[3 + k], out[6 + k], out[9 + k] = v[k], w[k], a[k], al[k]
+    return GOOD
 
 
 @shared
-def find_jacobian_rate(handle, q, qd, qdd, i, out):
-    """Write the rate (6, n) of row i's Jacobian along q'."""
-    walk(write_rate, 1, handle, q, qd, qdd, i, out)
+def find_jacobian_rate(handle, q, qd, qdd, frame, out):
+    """Write the rate (6, n) of a frame's Jacobian along q'."""
+    return walk(write_rate, 1, handle, q, qd, qdd, frame, out)
 
 
 @shared
-def find_velocity(handle, q, qd, qdd, i, out):
-    """Write the derivatives (2, 6, n) of row i's twist by q and q'."""
-    walk(write_velocity, 2, handle, q, qd, qdd, i, out)
+def find_velocity(handle, q, qd, qdd, frame, out):
+    """Write the derivatives (2, 6, n) of a frame's twist by q and q'."""
+    return walk(write_velocity, 2, handle, q, qd, qdd, frame, out)
 
 
 @shared
-def find_acceleration(handle, q, qd, qdd, i, out):
-    """Write the derivatives (3, 6, n) of row i's acceleration by q, q' and q''."""
-    walk(write_acceleration, 3, handle, q, qd, qdd, i, out)
+def find_acceleration(handle, q, qd, qdd, frame, out):
+    """Write the derivatives (3, 6, n) of a frame's acceleration by q, q' and q''."""
+    return walk(write_acceleration, 3, handle, q, qd, qdd, frame, out)
+
+
+frame_motion_rows = over_rows('frame_motion_rows', find_motion, 5)
+
+
+frame_jacobian_rate_rows = over_rows('frame_jacobian_rate_rows', find_jacobian_rate, 5)
+
+
+frame_velocity_derivatives_rows = over_rows('frame_velocity_derivatives_rows', find_velocity, 5)
+
+
+frame_acceleration_derivatives_rows = over_rows(
+    'frame_acceleration_derivatives_rows', find_acceleration, 5
+)
 
 
 @inlined
-def each_state(find, size, handle, states, i, first, last, out):
-    """Let `find` write its numbers, `size` of them, for rows first .. last - 1 of (k, n)."""
-    n = coordinates(handle)
-    for k in range(first, last):
-        o = n * k
-        q, qd, qdd = beyond(states[0], o), beyond(states[1], o), beyond(states[2], o)
-        find(handle, q, qd, qdd, i, beyond(out, size * k))
-    return GOOD
+def place_and_move(topology, constants, work, q, qd, qdd, i):
+    """Place row i and write its motion; its carrier's must stand there already."""
+    place_body(topology, constants, work, q, i)
+    move_body(topology, constants, work, qd, qdd, i)
 
 
-@kernel(f'int64({STATE}, float64[:, ::1])')
-def frame_motion(handle, q, qd, qdd, i, out):
-    """Write twist and classical acceleration (2, 6) of row i: linear first, base axes."""
-    find_motion(handle, elements(q), elements(qd), elements(qdd), i, elements(out))
-    return GOOD
+@shared
+def find_inertial_values(handle, q, qd, qdd, frames, out):
+    """Write the readings (frames, 6): angular velocity, then acceleration less gravity.
+
+    frames: how many there are, then their rows of the model.
+    """
+    topology, constants, work, _diagonals, bodies = model_arrays(handle)
+    count = np.int64(frames[0])
+    for i in range(1, bodies + 1):
+        place_and_move(topology, constants, work, q, qd, qdd, i)
+    for k in range(count):
+        i = np.int64(frames[1 + k])
+        if i > bodies:
+            place_and_move(topology, constants, work, q, qd, qdd, i)
+        o = at(topology, i, at_.WORK)
+        # gravity is an acceleration of the base, upwards
+        store(out, 6 * k, load(work, o + at_.ANGULAR_VELOCITY))
+        store(out, 6 * k + 3, load(work, o + at_.ACCELERATION))
+    return GOOD if all_finite(out, 6 * count) else NOT_FINITE
 
 
-@rows_kernel(f'int64({ROWS}, float64[:, :, ::1])')
-def frame_motion_rows(handle, q, qd, qdd, i, first, last, out):
-    """Do the same for rows first .. last - 1 of (k, n) states."""
-    states, size = (elements(q), elements(qd), elements(qdd)), 12
-    return each_state(find_motion, size, handle, states, i, first, last, elements(out))
-
-
-@kernel(f'int64({STATE}, float64[:, ::1])')
-def frame_jacobian_rate(handle, q, qd, qdd, i, out):
-    """Write the rate (6, n) of row i's Jacobian along q'."""
-    find_jacobian_rate(handle, elements(q), elements(qd), elements(qdd), i, elements(out))
-    return GOOD
-
-
-@rows_kernel(f'int64({ROWS}, float64[:, :, ::1])')
-def frame_jacobian_rate_rows(handle, q, qd, qdd, i, first, last, out):
-    """Do the same for rows first .. last - 1 of (k, n) states."""
-    states, size = (elements(q), elements(qd), elements(qdd)), 6 * coordinates(handle)
-    return each_state(find_jacobian_rate, size, handle, states, i, first, last, elements(out))
-
-
-@kernel(f'int64({STATE}, float64[:, :, ::1])')
-def frame_velocity_derivatives(handle, q, qd, qdd, i, out):
-    """Write the derivatives (2, 6, n) of row i's twist by q and q'."""
-    find_velocity(handle, elements(q), elements(qd), elements(qdd), i, elements(out))
-    return GOOD
-
-
-@rows_kernel(f'int64({ROWS}, float64[:, :, :, ::1])')
-def frame_velocity_derivatives_rows(handle, q, qd, qdd, i, first, last, out):
-    """Do the same for rows first .. last - 1 of (k, n) states."""
-    states, size = (elements(q), elements(qd), elements(qdd)), 12 * coordinates(handle)
-    return each_state(find_velocity, size, handle, states, i, first, last, elements(out))
-
-
-@kernel(f'int64({STATE}, float64[:, :, ::1])')
-def frame_acceleration_derivatives(handle, q, qd, qdd, i, out):
-    """Write the derivatives (3, 6, n) of row i's acceleration by q, q' and q''."""
-    find_acceleration(handle, elements(q), elements(qd), elements(qdd), i, elements(out))
-    return GOOD
-
-
-@rows_kernel(f'int64({ROWS}, float64[:, :, :, ::1])')
-def frame_acceleration_derivatives_rows(handle, q, qd, qdd, i, first, last, out):
-    """Do the same for rows first .. last - 1 of (k, n) states."""
-    states, size = (elements(q), elements(qd), elements(qdd)), 18 * coordinates(handle)
-    return each_state(find_acceleration, size, handle, states, i, first, last, elements(out))
+inertial_values_rows = over_rows('inertial_values_rows', find_inertial_values, 5)

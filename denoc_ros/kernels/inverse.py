@@ -1,25 +1,20 @@
 """Inverse dynamics: outward motion, inward wrenches, O(n) (book, section 3.2)."""
 
-from numba import types
-
 from denoc_ros.kernels import handle as rec_
 from denoc_ros.kernels import layout as at_
-from denoc_ros.kernels.array_object import READABLE, WRITABLE, array_object, content, is_vector
-from denoc_ros.kernels.compiled import inlined, kernel, rows_kernel, shared
+from denoc_ros.kernels.compiled import inlined, shared
 from denoc_ros.kernels.handle import (
     GOOD,
-    MISFIT,
     NOT_FINITE,
     at,
-    beyond,
     coordinates,
-    elements,
     model_arrays,
 )
-from denoc_ros.kernels.internal import internal_force
 from denoc_ros.kernels.motion import move_body
 from denoc_ros.kernels.placement import place_by_sines, place_modes
-from denoc_ros.kernels.sine_cosine import write_sines
+from denoc_ros.kernels.rotation import write_sines
+from denoc_ros.kernels.spring import internal_force
+from denoc_ros.kernels.states import over_rows, vector_of_state
 from denoc_ros.kernels.vector import all_finite, dot, load
 from denoc_ros.kernels.wrench import body_wrench, transmit_wrench
 
@@ -77,31 +72,7 @@ def find_torque(handle, q, qd, qdd, out):
     return GOOD if all_finite(out, n) else NOT_FINITE
 
 
-@kernel(types.int64(types.int64, array_object, array_object, array_object, array_object))
-def inverse_dynamics(handle, q, qd, qdd, out):
-    """Write I q'' + h(q, q') (n)."""
-    n = coordinates(handle)
-    if not (
-        is_vector(handle, q, n, READABLE)
-        and is_vector(handle, qd, n, READABLE)
-        and is_vector(handle, qdd, n, READABLE)
-        and is_vector(handle, out, n, WRITABLE)
-    ):
-        return MISFIT
-    return find_torque(handle, content(q), content(qd), content(qdd), content(out))
+inverse_dynamics = vector_of_state('inverse_dynamics', find_torque)
 
 
-@rows_kernel(
-    'int64(int64, float64[:, ::1], float64[:, ::1], float64[:, ::1], int64, int64, '
-    'float64[:, ::1])'
-)
-def inverse_dynamics_rows(handle, q, qd, qdd, first, last, out):
-    """Do the same for rows first .. last - 1 of (k, n) states; return the worst status."""
-    n = coordinates(handle)
-    a, b, c, d = elements(q), elements(qd), elements(qdd), elements(out)
-    worst = GOOD
-    for row in range(first, last):
-        k = n * row
-        status = find_torque(handle, beyond(a, k), beyond(b, k), beyond(c, k), beyond(d, k))
-        worst = max(worst, status)
-    return worst
+inverse_dynamics_rows = over_rows('inverse_dynamics_rows', find_torque, 4)

@@ -22,10 +22,9 @@ from denoc_ros.kernels.handle import (
     model_arrays,
     record_of,
 )
-from denoc_ros.kernels.internal import internal_force
 from denoc_ros.kernels.layout import VELOCITY, WORLD_ROTATION
 from denoc_ros.kernels.pointers import span
-from denoc_ros.kernels.spring import spring_force, spring_slope
+from denoc_ros.kernels.spring import internal_force, spring_force, spring_slope
 from denoc_ros.kernels.vector import all_finite
 
 STATES = 4  # rows of n elements that a call takes

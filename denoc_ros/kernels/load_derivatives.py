@@ -5,8 +5,10 @@ J_i . F; with u_j = b_j + w_j x x the frame's velocity by q'_j, J_j = [b_j; w_j]
 w_i . (u_j x f), and (J_j x J_i) . F where column j moves the row's own.
 """
 
+import numpy as np
+
 from denoc_ros.kernels import layout as at_
-from denoc_ros.kernels.compiled import inlined, merged, rows_kernel
+from denoc_ros.kernels.compiled import inlined, merged, shared
 from denoc_ros.kernels.derivative_layout import COLUMN, WRENCH_Q
 from denoc_ros.kernels.derivative_rows import columns_of
 from denoc_ros.kernels.handle import (
@@ -15,7 +17,6 @@ from denoc_ros.kernels.handle import (
     at,
     beyond,
     coordinates,
-    elements,
     model_arrays,
 )
 from denoc_ros.kernels.placement import place_body
@@ -28,6 +29,7 @@ from denoc_ros.kernels.spatial import (
     strided,
     twist_about_origin,
 )
+from denoc_ros.kernels.states import over_rows
 from denoc_ros.kernels.vector import add, all_finite, cross, dot, load, unrotate
 from denoc_ros.kernels.world import place_world, section_place, world_pose
 
@@ -120,17 +122,10 @@ def subtract_load(handle, q, i, wrench, out):
     return GOOD if all_finite(out, n * n) else NOT_FINITE
 
 
-@rows_kernel(
-    'int64(int64, float64[:, ::1], int64, float64[::1], int64, int64, float64[:, :, ::1])'
-)
-def subtract_load_rows(handle, q, i, wrench, first, last, out):
-    """Subtract the derivative of a wrench on row i for states first .. last - 1 of (k, n)."""
-    n = coordinates(handle)
-    worst = GOOD
-    for k in range(first, last):
-        place = beyond(elements(q), n * k)
-        status = subtract_load(
-            handle, place, i, elements(wrench), beyond(elements(out), n * n * k)
-        )
-        worst = max(worst, status)
-    return worst
+@shared
+def subtract_frame_load(handle, q, loaded, out):
+    """Subtract the derivative of a wrench on a frame: its row, then the wrench."""
+    return subtract_load(handle, q, np.int64(loaded[0]), beyond(loaded, 1), out)
+
+
+subtract_load_rows = over_rows('subtract_load_rows', subtract_frame_load, 3)

@@ -5,14 +5,29 @@ origin and omega the relative angular velocity, all in the parent's axes, linear
 Directions r that must be the same on both sides give w = h sum r x R r and c = cos of the angle
 between the sides (one axis: h = 1; three: h = 1/2); the angular rows are components of
 e = 2 w / (1 + c), which is 2 tan(angle / 2) about the axis of the error: it vanishes at angle 0
-only, and its derivatives follow from (1 + c) e = 2 w.
+only, and its derivatives follow from (1 + c) e = 2 w. The row along a direction a has the unit
+torque
+
+    t = (2 h sum R r x (a x r) + (a . e) w) / (1 + c).
 """
 
 from denoc_ros.kernels import constraint_layout as loop_
 from denoc_ros.kernels import layout as at_
 from denoc_ros.kernels.compiled import inlined
 from denoc_ros.kernels.handle import at
-from denoc_ros.kernels.vector import add, cross, dot, load, rotate, scale, store, unrotate
+from denoc_ros.kernels.vector import (
+    add,
+    cross,
+    dot,
+    load,
+    rotate,
+    scale,
+    store,
+    subtract,
+    unrotate,
+)
+
+NONE = (0.0, 0.0, 0.0)
 
 
 @inlined
@@ -102,85 +117,131 @@ def write_row(work, t, rows, k, error, rate, bias, force, torque):
 
 
 @inlined
+def quotient(m, c):
+    """Return m / c of a vector and its two rates by those of both."""
+    s = 1.0 / c[0]
+    x = scale(s, m[0])
+    first = scale(s, subtract(m[1], scale(c[1], x)))
+    second = subtract(m[2], add(scale(2.0 * c[1], first), scale(c[2], x)))
+    return x, first, scale(s, second)
+
+
+@inlined
+def direction_rates(constants, work, turn, r, w, al):
+    """Return a direction of the child in the parent's axes and its two rates."""
+    there = rotate(work, turn, load(constants, r))
+    rate = cross(w, there)
+    return there, rate, add(cross(al, there), cross(w, rate))
+
+
+@inlined
+def references(topology, constraint):
+    """Return the offsets of the directions that must agree, and their weight h."""
+    first = at(topology, constraint, loop_.CONSTANTS) + loop_.DIRECTIONS
+    first += 3 * (at(topology, constraint, loop_.LINEAR) + at(topology, constraint, loop_.ANGULAR))
+    last = first + 3 * at(topology, constraint, loop_.REFERENCES)
+    h = 0.5 if at(topology, constraint, loop_.KIND) == loop_.ORIENTED else 1.0
+    return range(first, last, 3), h
+
+
+@inlined
+def aligned_error(topology, constants, work, constraint, turn, spin, spin_up):
+    """Return e of directions that must agree, w and 1 + c, each with its two rates.
+
+    turn: where the relative rotation stands, which changes with spin and spin_up.
+    """
+    offsets, h = references(topology, constraint)
+    c, dc, ddc = 0.5 if h == 0.5 else 1.0, 0.0, 0.0
+    w, dw, ddw = NONE, NONE, NONE
+    for r in offsets:
+        here = scale(h, load(constants, r))
+        there, rate, up = direction_rates(constants, work, turn, r, spin, spin_up)
+        w, dw, ddw = (
+            add(w, cross(here, there)),
+            add(dw, cross(here, rate)),
+            add(ddw, cross(here, up)),
+        )
+        c, dc, ddc = c + dot(here, there), dc + dot(here, rate), ddc + dot(here, up)
+    e = quotient((scale(2.0, w), scale(2.0, dw), scale(2.0, ddw)), (c, dc, ddc))
+    return e, (w, dw, ddw), (c, dc, ddc)
+
+
+@inlined
+def aligned_torque(topology, constants, work, constraint, turn, along, error, spin, spin_up):
+    """Return the torque t of directions that must agree, and its two rates.
+
+    along: (3); error: as `aligned_error` returns it.
+    """
+    offsets, h = references(topology, constraint)
+    e, w, c = error
+    m, dm, ddm = NONE, NONE, NONE
+    for r in offsets:
+        there, rate, up = direction_rates(constants, work, turn, r, spin, spin_up)
+        lever = scale(2.0 * h, cross(along, load(constants, r)))
+        m, dm, ddm = (
+            add(m, cross(there, lever)),
+            add(dm, cross(rate, lever)),
+            add(ddm, cross(up, lever)),
+        )
+    s, ds, dds = dot(along, e[0]), dot(along, e[1]), dot(along, e[2])
+    m = add(m, scale(s, w[0]))
+    dm = add(dm, add(scale(ds, w[0]), scale(s, w[1])))
+    ddm = add(ddm, add(scale(dds, w[0]), add(scale(2.0 * ds, w[1]), scale(s, w[2]))))
+    return quotient((m, dm, ddm), c)
+
+
+@inlined
 def angular_rows(topology, constants, work, constraint, t, rows, spin, spin_up):
     """Write the rows of directions that must be the same on both sides."""
-    none = (0.0, 0.0, 0.0)
-    first = at(topology, constraint, loop_.ROW) + at(topology, constraint, loop_.LINEAR)
-    angular = (
-        at(topology, constraint, loop_.CONSTANTS)
-        + loop_.DIRECTIONS
-        + 3 * at(topology, constraint, loop_.LINEAR)
-    )
-    reference = angular + 3 * at(topology, constraint, loop_.ANGULAR)
-    last = reference + 3 * at(topology, constraint, loop_.REFERENCES)
-    h = 1.0
-    c = 1.0  # 1 + c
-    if at(topology, constraint, loop_.KIND) == loop_.ORIENTED:
-        h = 0.5
-        c = 0.5
-    dc = 0.0
-    ddc = 0.0
-    w = none
-    dw = none
-    ddw = none
-    for o in range(reference, last, 3):
-        here = load(constants, o)
-        there = rotate(work, t + loop_.RELATIVE, here)
-        rate = cross(spin, there)
-        up = add(cross(spin_up, there), cross(spin, rate))
-        w = add(w, scale(h, cross(here, there)))
-        dw = add(dw, scale(h, cross(here, rate)))
-        ddw = add(ddw, scale(h, cross(here, up)))
-        c += h * dot(here, there)
-        dc += h * dot(here, rate)
-        ddc += h * dot(here, up)
-    s = 1.0 / c
-    e = scale(2.0 * s, w)
-    de = scale(s, add(scale(2.0, dw), scale(-dc, e)))
-    dde = scale(s, add(scale(2.0, ddw), add(scale(-2.0 * dc, de), scale(-ddc, e))))
+    linear = at(topology, constraint, loop_.LINEAR)
+    first = at(topology, constraint, loop_.ROW) + linear
+    directions = at(topology, constraint, loop_.CONSTANTS) + loop_.DIRECTIONS + 3 * linear
+    turn = t + loop_.RELATIVE
+    error = aligned_error(topology, constants, work, constraint, turn, spin, spin_up)
+    e, de, dde = error[0]
     for k in range(at(topology, constraint, loop_.ANGULAR)):
-        along = load(constants, angular + 3 * k)
-        torque = scale(dot(e, along), w)
-        for o in range(reference, last, 3):
-            here = load(constants, o)
-            there = rotate(work, t + loop_.RELATIVE, here)
-            torque = add(torque, scale(2.0 * h, cross(there, cross(along, here))))
+        along = load(constants, directions + 3 * k)
+        torque, _rate, _up = aligned_torque(
+            topology, constants, work, constraint, turn, along, error, NONE, NONE
+        )
         write_row(
             work, t, rows, first + k, dot(along, e), dot(along, de), dot(along, dde),
-            none, scale(s, torque),
+            NONE, torque,
         )  # fmt: skip
+
+
+@inlined
+def crossed_directions(topology, constants, work, constraint, turn, spin, spin_up):
+    """Return the axis of a universal joint and axis2 in the parent's axes, with its two rates."""
+    c = at(topology, constraint, loop_.CONSTANTS)
+    there = direction_rates(constants, work, turn, c + loop_.SECOND_AXIS, spin, spin_up)
+    return load(constants, c + loop_.FREE_AXIS), there
 
 
 @inlined
 def crossed_row(topology, constants, work, constraint, t, rows, spin, spin_up):
     """Write the row -axis . axis2 of a universal joint; its wrench is about axis x axis2."""
-    none = (0.0, 0.0, 0.0)
-    here = load(constants, at(topology, constraint, loop_.CONSTANTS) + loop_.FREE_AXIS)
-    there = rotate(
-        work,
-        t + loop_.RELATIVE,
-        load(constants, at(topology, constraint, loop_.CONSTANTS) + loop_.SECOND_AXIS),
+    turn = t + loop_.RELATIVE
+    here, (there, rate, up) = crossed_directions(
+        topology, constants, work, constraint, turn, spin, spin_up
     )
-    rate = cross(spin, there)
-    up = add(cross(spin_up, there), cross(spin, rate))
     write_row(
         work, t, rows,
         at(topology, constraint, loop_.ROW) + at(topology, constraint, loop_.LINEAR),
-        -dot(here, there), -dot(here, rate), -dot(here, up), none, cross(here, there),
+        -dot(here, there), -dot(here, rate), -dot(here, up), NONE, cross(here, there),
     )  # fmt: skip
 
 
 @inlined
 def axis_row(topology, constants, work, constraint, t, rows, slip, slip_up, spin, spin_up):
     """Write the row of a free axis that has damping or friction; it has no error."""
-    none = (0.0, 0.0, 0.0)
     c = at(topology, constraint, loop_.CONSTANTS)
     k = at(topology, constraint, loop_.AXIS_ROW)
     axis = load(constants, c + loop_.FREE_AXIS)
     if constants[c + loop_.SLIDES] == 1.0:
-        write_row(work, t, rows, k, 0.0, dot(axis, slip), dot(axis, slip_up), axis, none)
+        write_row(work, t, rows, k, 0.0, dot(axis, slip), dot(axis, slip_up), axis, NONE)
     else:
-        write_row(work, t, rows, k, 0.0, dot(axis, spin), dot(axis, spin_up), none, axis)
+        write_row(work, t, rows, k, 0.0, dot(axis, spin), dot(axis, spin_up), NONE, axis)
 
 
 @inlined
@@ -189,7 +250,6 @@ def loop_rows(topology, constants, work, constraint, t, rows):
 
     Its frames must be placed and moved; rows counts all rows, t is the constraints' workspace.
     """
-    none = (0.0, 0.0, 0.0)
     place_relative(topology, work, constraint, t)
     slip, slip_up, spin, spin_up = move_relative(topology, work, constraint, t)
     c = at(topology, constraint, loop_.CONSTANTS) + loop_.DIRECTIONS
@@ -198,7 +258,7 @@ def loop_rows(topology, constants, work, constraint, t, rows):
         write_row(
             work, t, rows, at(topology, constraint, loop_.ROW) + k,
             dot(along, load(work, t + loop_.RELATIVE_POSITION)),
-            dot(along, slip), dot(along, slip_up), along, none,
+            dot(along, slip), dot(along, slip_up), along, NONE,
         )  # fmt: skip
     if at(topology, constraint, loop_.KIND) == loop_.UNIVERSAL:
         crossed_row(topology, constants, work, constraint, t, rows, spin, spin_up)

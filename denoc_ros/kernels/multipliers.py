@@ -9,7 +9,7 @@ import numpy as np
 
 from denoc_ros.kernels import constraint_layout as loop_
 from denoc_ros.kernels.compiled import inlined, shared
-from denoc_ros.kernels.flexible_elimination import factor
+from denoc_ros.kernels.elimination import factor
 
 # Pivots of A are squares. Rounding leaves 1e-16 of a redundant one, axes printed with seven digits
 # 1e-14: below the square of 1e-6 nothing is meant.

@@ -3,9 +3,8 @@
 from denoc_ros.kernels import layout as at_
 from denoc_ros.kernels.compiled import inlined
 from denoc_ros.kernels.component_modes import place_component_section, place_components
-from denoc_ros.kernels.exponential import exponential_coefficients, square_plus
 from denoc_ros.kernels.handle import at
-from denoc_ros.kernels.sine_cosine import sine_cosine
+from denoc_ros.kernels.rotation import exponential_coefficients, sine_cosine, square_plus
 from denoc_ros.kernels.vector import add, load, rotate, scale, store
 
 

@@ -8,9 +8,9 @@ from denoc_ros.kernels import derivative_layout as diff_
 from denoc_ros.kernels import layout as at_
 from denoc_ros.kernels.compiled import short_inlined, short_shared
 from denoc_ros.kernels.component_modes import section_bend, section_turn
-from denoc_ros.kernels.exponential import SERIES_DB, SERIES_DC, six_terms
 from denoc_ros.kernels.handle import at
 from denoc_ros.kernels.motion import section_rates
+from denoc_ros.kernels.rotation import SERIES_DB, SERIES_DC, six_terms
 from denoc_ros.kernels.spatial import (
     pair,
     scale_pair,

@@ -4,12 +4,15 @@ With the wind-up e(s) the force is (k e + k3 e^3) de/ds, the gradient of k e^2 /
 Without play e = s. With a free play of +- p,
 e = w (ln(1 + exp((s - p) / w)) - ln(1 + exp((-s - p) / w))), w = p / 10:
 s + p or s - p outside, next to nothing inside, smooth in between.
+Damping and Coulomb friction act along the coordinates too; all are diagonal.
 """
 
 import numpy as np
 
 from denoc_ros.kernels import handle as rec_
 from denoc_ros.kernels.compiled import inlined
+from denoc_ros.kernels.handle import DAMPING, FRICTION
+from denoc_ros.kernels.layout import SLIP_RATE
 
 SOFTNESS = 0.1  # of the corners, as a share of the play
 
@@ -76,3 +79,22 @@ def spring_energy(diagonals, q, j):
 def step_stiffness(diagonals, q, j):
     """Return the stiffness that a time step takes as constant, wherever in the play it begins."""
     return diagonals[rec_.STIFFNESS][j] + 3.0 * diagonals[rec_.STIFFNESS3][j] * q[j] * q[j]
+
+
+@inlined
+def internal_force(constants, diagonals, q, qd, j):
+    """Return k q + c q' + f tanh(q' / v_s) of coordinate j (springs: see spring)."""
+    force = spring_force(diagonals, q, j) + diagonals[DAMPING][j] * qd[j]
+    if diagonals[FRICTION][j] != 0.0:
+        force += diagonals[FRICTION][j] * np.tanh(qd[j] / constants[SLIP_RATE])
+    return force
+
+
+@inlined
+def internal_slope(constants, diagonals, q, qd, j):
+    """Return the derivatives by q_j and q'_j of :func:`internal_force`."""
+    damping = diagonals[DAMPING][j]
+    if diagonals[FRICTION][j] != 0.0:
+        slip = np.tanh(qd[j] / constants[SLIP_RATE])
+        damping += diagonals[FRICTION][j] / constants[SLIP_RATE] * (1.0 - slip * slip)
+    return spring_slope(diagonals, q, j), damping

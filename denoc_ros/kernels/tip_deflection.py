@@ -1,9 +1,8 @@
 """Deflections of the tips of beams, and their rates, from rows of the model."""
 
 from denoc_ros.kernels.compiled import kernel
-from denoc_ros.kernels.exponential import exponential_coefficients, square_plus
 from denoc_ros.kernels.placement import multiply
-from denoc_ros.kernels.quaternion import rotation_vector
+from denoc_ros.kernels.rotation import exponential_coefficients, rotation_vector, square_plus
 from denoc_ros.kernels.vector import add, cross, load, rotate, store, subtract
 
 COMPONENTS = 6  # displacement and rotation

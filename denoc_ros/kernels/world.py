@@ -1,9 +1,12 @@
 """Poses, Jacobians and twists of frames in the base frame."""
 
+import numpy as np
+
 from denoc_ros.kernels import layout as at_
-from denoc_ros.kernels.compiled import inlined, kernel, rows_kernel, shared
-from denoc_ros.kernels.handle import GOOD, at, beyond, coordinates, elements, model_arrays
+from denoc_ros.kernels.compiled import inlined, kernel, shared
+from denoc_ros.kernels.handle import GOOD, at, coordinates, elements, model_arrays
 from denoc_ros.kernels.placement import multiply, place_body
+from denoc_ros.kernels.states import over_rows
 from denoc_ros.kernels.vector import add, cross, load, rotate, scale, store
 
 
@@ -53,22 +56,22 @@ def find_pose(handle, q, i, out):
         out[4 * r + 3] = work[o + at_.WORLD_POSITION + r]
         out[12 + r] = 0.0
     out[15] = 1.0
+    return GOOD
 
 
 @kernel('int64(int64, float64[::1], int64, float64[:, ::1])')
 def frame_pose(handle, q, i, out):
     """Write the (4, 4) pose of row i in the base frame."""
-    find_pose(handle, elements(q), i, elements(out))
-    return GOOD
+    return find_pose(handle, elements(q), i, elements(out))
 
 
-@rows_kernel('int64(int64, float64[:, ::1], int64, int64, int64, float64[:, :, ::1])')
-def frame_pose_rows(handle, q, i, first, last, out):
-    """Do the same for rows first .. last - 1 of (k, n) states."""
-    n = coordinates(handle)
-    for k in range(first, last):
-        find_pose(handle, beyond(elements(q), n * k), i, beyond(elements(out), 16 * k))
-    return GOOD
+@shared
+def find_frame_pose(handle, q, frame, out):
+    """Do the same for a frame as a number, its row of the model."""
+    return find_pose(handle, q, np.int64(frame[0]), out)
+
+
+frame_pose_rows = over_rows('frame_pose_rows', find_frame_pose, 3)
 
 
 @kernel('int64(int64, float64[::1])')
@@ -120,19 +123,19 @@ def find_jacobian(handle, q, i, out):
                 write_column(out, n, k, add(slide, cross(turn, arm)), turn)
                 c += 6
         i = p
+    return GOOD
 
 
 @kernel('int64(int64, float64[::1], int64, float64[:, ::1])')
 def frame_jacobian(handle, q, i, out):
     """Write the (6, n) Jacobian of row i, linear first, base axes, at its origin."""
-    find_jacobian(handle, elements(q), i, elements(out))
-    return GOOD
+    return find_jacobian(handle, elements(q), i, elements(out))
 
 
-@rows_kernel('int64(int64, float64[:, ::1], int64, int64, int64, float64[:, :, ::1])')
-def frame_jacobian_rows(handle, q, i, first, last, out):
-    """Do the same for rows first .. last - 1 of (k, n) states."""
-    n = coordinates(handle)
-    for k in range(first, last):
-        find_jacobian(handle, beyond(elements(q), n * k), i, beyond(elements(out), 6 * n * k))
-    return GOOD
+@shared
+def find_frame_jacobian(handle, q, frame, out):
+    """Do the same for a frame as a number, its row of the model."""
+    return find_jacobian(handle, q, np.int64(frame[0]), out)
+
+
+frame_jacobian_rows = over_rows('frame_jacobian_rows', find_frame_jacobian, 3)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -9,28 +10,91 @@ from numpy.typing import NDArray
 
 from denoc_ros.kernels import constraint_layout, derivative_layout, layout
 from denoc_ros.kernels.constrained_derivative_layout import lay_out
-from denoc_ros.model import floating
-from denoc_ros.model.beam_arrays import beam_points, polar_constants, section_constants
-from denoc_ros.model.branches import mark_branches
-from denoc_ros.model.component_arrays import (
+from denoc_ros.model.beam_arrays import (
     ComponentPoints,
+    beam_points,
     component_points,
+    polar_constants,
+    section_constants,
     section_of_modes,
 )
 from denoc_ros.model.constraints import constraints_to_arrays
-from denoc_ros.model.coordinates import diagonals, names
-from denoc_ros.model.joint_rows import (
-    joint_axes,
-    motion_kind,
-    pose_constants,
-    pose_rows,
+from denoc_ros.model.coordinates import (
+    SLIDING_MODES,
+    SLIDING_SECTION,
+    TURNING_AXES,
+    TURNING_MODES,
+    TURNING_SECTION,
+    base_indices,
+    diagonals,
+    massless_body,
+    massless_modes,
+    names,
+    turned,
 )
+from denoc_ros.model.friction import SLIP_RATE
+from denoc_ros.model.inertia import beam_inertia
 from denoc_ros.model.link_side import has_springs, link_map, without_springs
-from denoc_ros.model.residual_inertia import beam_inertia
-from denoc_ros.model.tree import Attachment, Beam, Body, RigidInertia, Tree
+from denoc_ros.model.tree import Attachment, Body, JointKind, RigidInertia, Tree
 from denoc_ros.types import Array
 
-SLIP_RATE = 1e-3  # rad/s or m/s, of Coulomb friction (design.md, section 1)
+
+def cross_matrix(v: Array) -> Array:
+    """Return v x as a (3, 3) matrix."""
+    return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
+
+
+def pose_rows(rotation: Array, translation: Array) -> Array:
+    """Return a rotation (3, 3), row by row, and a translation (3,) as twelve numbers."""
+    return np.concatenate([rotation.ravel(), translation])
+
+
+def joint_axes(body: Body, flexible: bool) -> Array:
+    """Return the (3, 3) turn from the body frame to axes with z along the joint of a rigid body.
+
+    A body whose joint turns about z costs the kernels least; beams need their own axes.
+    """
+    joint = body.joint
+    if joint is None or joint.kind is not JointKind.REVOLUTE or flexible:
+        return np.eye(3)
+    z = body.frame[:3, :3].T @ joint.axis
+    if abs(z[0]) < abs(z[2]):
+        x = np.array([z[2], 0.0, -z[0]])
+    else:
+        x = np.array([-z[1], z[0], 0.0])
+    x /= np.linalg.norm(x)
+    return np.column_stack([x, np.cross(z, x), z])
+
+
+def motion_kind(body: Body, frame: Array) -> int:
+    """Return the kind of motion of a body with its frame (4, 4) on the link frame."""
+    kind = JointKind.FIXED if body.joint is None else body.joint.kind
+    if kind is JointKind.REVOLUTE:
+        assert body.joint is not None
+        about_z = np.allclose(frame[:3, :3].T @ body.joint.axis, [0.0, 0.0, 1.0], 0.0, 1e-15)
+        through = np.allclose(np.cross(body.joint.axis, frame[:3, 3]), 0.0, 0.0, 1e-15)
+        return layout.REVOLUTE_Z if about_z and through else layout.REVOLUTE
+    return {JointKind.FIXED: layout.FIXED, JointKind.PRISMATIC: layout.PRISMATIC}[kind]
+
+
+def pose_constants(body: Body, placement: Array, frame: Array) -> list[Array]:
+    """Return the still, first and second part of the body's pose, and its motion subspace."""
+    still = placement @ frame
+    rows = [pose_rows(still[:3, :3], still[:3, 3]), np.zeros(12), np.zeros(12), np.zeros(6)]
+    joint = body.joint
+    if joint is None or joint.kind is JointKind.FIXED:
+        return rows
+    rotation, offset = frame[:3, :3], frame[:3, 3]
+    outer = placement[:3, :3]
+    if joint.kind is JointKind.PRISMATIC:
+        rows[1] = pose_rows(np.zeros((3, 3)), outer @ joint.axis)
+        rows[3][:3] = rotation.T @ joint.axis
+        return rows
+    k = cross_matrix(joint.axis)
+    rows[1] = pose_rows(outer @ k @ rotation, outer @ k @ offset)
+    rows[2] = pose_rows(outer @ k @ k @ rotation, outer @ k @ k @ offset)
+    rows[3] = np.concatenate([rotation.T @ (k @ offset), rotation.T @ joint.axis])
+    return rows
 
 
 @dataclass(frozen=True)
@@ -70,6 +134,15 @@ class ModelArrays:
             chain = replace(chain, diagonals=own)
         return replace(self, diagonals=diagonals, link_side=chain)
 
+    def with_inertia(self, index: int, body: Body) -> ModelArrays:
+        """Return the same bodies, the inertia of one body of the tree another."""
+        at = int(self.topology[self.body_rows[index], layout.BODY_CONSTANTS]) + layout.MASS
+        constants = self.constants.copy()
+        constants[at : at + 10] = body_inertia(body, self.body_axes(index))
+        chain = self.link_side
+        chain = None if chain is None else chain.with_inertia(index, body)
+        return replace(self, constants=constants, link_side=chain)
+
     def without_link_side(self) -> ModelArrays:
         """Return the same bodies, all of which the kernels then go through."""
         return replace(self, link_side=None, link_map=None)
@@ -93,9 +166,13 @@ def rigid_inertia(row: Array, axes: Array) -> RigidInertia:
     return RigidInertia(float(row[0]), axes @ row[1:4], axes @ inertia @ axes.T)
 
 
-def _rod(beam: Beam) -> RigidInertia:
-    """Return the inertia of a beam that stays straight."""
-    return beam_inertia(beam.mass_per_length, beam.length, 0.0, beam.mass_along)
+def body_inertia(body: Body, axes: Array) -> Array:
+    """Return the row (10,) of a body's inertia, and of its beam if that stays straight."""
+    row = inertia_row(body.inertia, axes)
+    if (beam := body.beam) is None or is_flexible(body):
+        return row
+    rod = beam_inertia(beam.mass_per_length, beam.length, 0.0, beam.mass_along)
+    return row + inertia_row(rod, axes)
 
 
 def is_flexible(body: Body) -> bool:
@@ -183,17 +260,17 @@ class _ArrayBuilder:
         self, row: NDArray[np.int64], placement: Array, at: Attachment
     ) -> tuple[NDArray[np.int64], Array]:
         """Write the massless bodies before a floating one; return its row and its placement."""
-        turn = floating.turned(floating.TURNING_AXES)
+        turn = turned(TURNING_AXES)
         parts = (
-            (True, placement, floating.SLIDING_MODES, floating.SLIDING_SECTION, turn),
-            (False, turn, floating.TURNING_MODES, floating.TURNING_SECTION, turn.T),
+            (True, placement, SLIDING_MODES, SLIDING_SECTION, turn),
+            (False, turn, TURNING_MODES, TURNING_SECTION, turn.T),
         )
         for slides, place, modes, section, following in parts:
             row[[layout.NY, layout.NZ, layout.NT]] = modes
             row[layout.MODES], row[layout.POINTS] = sum(modes), 1
-            row[layout.BEAM] = self.append(*floating.massless_modes(modes))
+            row[layout.BEAM] = self.append(*massless_modes(modes))
             row[layout.BEAM_WORK] = self.reserve(sum(modes) + 3 + modes[0] + modes[1])
-            self.moving(row, place, floating.massless_body(at, slides))
+            self.moving(row, place, massless_body(at, slides))
             row = np.zeros(layout.TOPOLOGY_COLUMNS, dtype=np.int64)
             row[layout.PARENT] = len(self.rows) - 1
             row[layout.SECTION] = self.append(section)
@@ -213,9 +290,7 @@ class _ArrayBuilder:
         row[layout.MOTION] = motion_kind(body, frame)
         row[layout.COORDINATE] = self.coordinate
         row[layout.JOINT] = int(row[layout.MOTION] != layout.FIXED)
-        inertia = inertia_row(body.inertia, axes)
-        if body.beam is not None and not is_flexible(body):
-            inertia = inertia + inertia_row(_rod(body.beam), axes)
+        inertia = body_inertia(body, axes)
         row[layout.BODY_CONSTANTS] = self.append(*pose_constants(body, placement, frame), inertia)
         row[layout.WORK] = self.reserve(layout.BODY_WORK)
         if points is not None:
@@ -330,8 +405,48 @@ def to_arrays(tree: Tree, gravity: Array, geometric_stiffness: bool) -> ModelArr
         coordinate_names=tuple(coordinates),
         joint_names=tuple(joints),
         joint_indices=np.array(indices, dtype=np.int64),
-        base_indices=floating.indices(tree, coordinates),
+        base_indices=base_indices(tree, coordinates),
         constraint_names=constraint_names,
         link_side=to_arrays(rigid, gravity, geometric_stiffness) if rigid else None,
         link_map=link_map(tree) if rigid else None,
     )
+
+
+# branches of the tree ---------------------------------------------------------------------------
+
+Row = NDArray[np.int64]
+
+
+def _end(row: Row) -> int:
+    """Return the index after a body's own coordinates."""
+    return int(row[layout.COORDINATE] + row[layout.JOINT] + row[layout.MODES])
+
+
+def mark_branches(rows: Sequence[Row]) -> int:
+    """Fill in the branches in the rows of the base and the bodies.
+
+    Parameters
+    ----------
+    rows : (1 + bodies) rows, depth first
+        Rows so far; BRANCH_END, RUN, SIBLING and SLOT are written.
+
+    Returns
+    -------
+    slots : int
+        How many right-hand sides are under way at once where branches meet.
+    """
+    latest: dict[int, int] = {}  # the last child so far of each carrier
+    for i, row in enumerate(rows[1:], start=1):
+        parent = int(row[layout.PARENT])
+        row[layout.BRANCH_END] = _end(row)
+        row[layout.RUN] = rows[i - 1][layout.RUN] if parent == i - 1 and i > 1 else i
+        row[layout.SIBLING] = latest.get(parent, 0)
+        latest[parent] = i
+    for row in reversed(rows[1:]):
+        carrier = rows[int(row[layout.PARENT])]
+        carrier[layout.BRANCH_END] = max(carrier[layout.BRANCH_END], row[layout.BRANCH_END])
+    for i, row in enumerate(rows[1:], start=1):
+        parent = int(row[layout.PARENT])
+        apart = parent > 0 and latest[parent] != i
+        row[layout.SLOT] = rows[parent][layout.SLOT] + int(apart)
+    return 1 + max((int(row[layout.SLOT]) for row in rows[1:]), default=0)

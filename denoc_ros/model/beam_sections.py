@@ -13,8 +13,101 @@ from scipy.interpolate import PchipInterpolator
 
 from denoc_ros.model.along import Along, mean_and_along, sample_shares
 from denoc_ros.model.findings import Element, Findings, Reader
-from denoc_ros.model.sections import CrossSection, rectangle_section, round_section, tube_section
 from denoc_ros.types import Array
+
+
+@dataclass(frozen=True)
+class CrossSection:
+    """A cross-section of a beam along X, symmetric about its y and z axes.
+
+    Attributes
+    ----------
+    area : float
+        [m^2].
+    moment_y, moment_z : float
+        Second moment of area for deflection along y, and along z [m^4].
+    torsion_constant : float
+        St-Venant's [m^4].
+    """
+
+    area: float
+    moment_y: float
+    moment_z: float
+    torsion_constant: float
+
+    @property
+    def polar_moment(self) -> float:
+        """Polar second moment of area [m^4]."""
+        return self.moment_y + self.moment_z
+
+
+def round_section(diameter: float) -> CrossSection:
+    """Return a full circle of a diameter [m]."""
+    return tube_section(diameter, 0.5 * diameter)
+
+
+def tube_section(diameter: float, wall: float) -> CrossSection:
+    """Return a ring of an outer diameter and a wall thickness [m]."""
+    inner = diameter - 2.0 * wall
+    moment = math.pi / 64.0 * (diameter**4 - inner**4)
+    return CrossSection(math.pi / 4.0 * (diameter**2 - inner**2), moment, moment, 2.0 * moment)
+
+
+def rectangle_section(y: float, z: float) -> CrossSection:
+    """Return a full rectangle of sides y and z [m] along the beam's axes."""
+    return CrossSection(y * z, z * y**3 / 12.0, y * z**3 / 12.0, rectangle_torsion_constant(y, z))
+
+
+def rectangle_tube_section(y: float, z: float, wall: float) -> CrossSection:
+    """Return a hollow rectangle of outer sides y and z and a wall thickness [m].
+
+    Notes
+    -----
+    Torsion: Bredt's closed wall and the open wall's own share, J = 4 A_m^2 t / p + p t^3 / 3 with
+    the middle line's area A_m and perimeter p; at most that of the full rectangle.
+    """
+    outer = rectangle_section(y, z)
+    if 2.0 * wall >= min(y, z):
+        return outer
+    inner = rectangle_section(y - 2.0 * wall, z - 2.0 * wall)
+    perimeter = 2.0 * (y + z - 2.0 * wall)
+    enclosed = (y - wall) * (z - wall)
+    constant = 4.0 * enclosed**2 * wall / perimeter + perimeter * wall**3 / 3.0
+    return CrossSection(
+        outer.area - inner.area,
+        outer.moment_y - inner.moment_y,
+        outer.moment_z - inner.moment_z,
+        min(constant, outer.torsion_constant),
+    )
+
+
+def rectangle_torsion_constant(y: float, z: float) -> float:
+    """Return St-Venant's torsion constant of a rectangle.
+
+    Parameters
+    ----------
+    y, z : float
+        Sides [m].
+
+    Returns
+    -------
+    float
+        [m^4].
+
+    Notes
+    -----
+    J = a b^3 (1/3 - 64 b / (pi^5 a) sum_{n odd} tanh(n pi a / (2 b)) / n^5), a >= b. With
+    sum 1 / n^5 = 31/32 zeta(5) taken out, the terms 1 - tanh left fall exponentially.
+    """
+    a, b = max(y, z), min(y, z)
+    if b == 0.0:
+        return 0.0
+    n = np.arange(1.0, 40.0, 2.0)
+    odd_zeta = 31.0 / 32.0 * 1.0369277551433699263
+    argument = np.minimum(n * np.pi * a / b, 600.0)
+    lack = float(np.sum(2.0 / (n**5 * (np.exp(argument) + 1.0))))
+    return a * b**3 * (1.0 / 3.0 - 64.0 * b / (math.pi**5 * a) * (odd_zeta - lack))
+
 
 SIZES = {'round': ('diameter',), 'tube': ('diameter', 'wall'), 'rectangle': ('y', 'z')}
 SHAPED: dict[str, Callable[..., CrossSection]] = {
@@ -93,11 +186,14 @@ class StrainLimit:
         How far it is along y and z [m]; 0: not known.
     corners : bool
         Whether strains of both directions add up in the section's corners.
+    of_section : bool
+        Whether the beam has one `<section>`.
     """
 
     strain: float = math.inf
     surface: tuple[float, float] = (0.0, 0.0)
     corners: bool = False
+    of_section: bool = False
 
 
 NO_LIMIT = StrainLimit()
@@ -125,7 +221,7 @@ def read_strain_limit(beam: Reader, section: BeamSection | None) -> StrainLimit:
             beam.fail('stress_limit', 'come with a <section> and its <material>', stress)
         else:
             strain = min(strain, stress / section.e)
-    return StrainLimit(strain, surface, corners)
+    return StrainLimit(strain, surface, corners, section is not None)
 
 
 def at_most_one(reader: Reader, tag: str) -> Element | None:

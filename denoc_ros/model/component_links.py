@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 
@@ -11,10 +11,9 @@ import numpy as np
 
 from denoc_ros.errors import ModelError
 from denoc_ros.model.findings import SMALLEST, Element, Findings, Reader
-from denoc_ros.model.inertia import difference
+from denoc_ros.model.inertia import ROUNDING, TOLERANCE, difference, inertia_violation
 from denoc_ros.model.link_file import ReducedLink, read
 from denoc_ros.model.mesh_files import mesh_file
-from denoc_ros.model.residual_inertia import ROUNDING, TOLERANCE, inertia_violation
 from denoc_ros.model.tree import ComponentModes, FlexibleLink, RigidInertia
 from denoc_ros.types import Array
 
@@ -60,14 +59,11 @@ def read_flexible(
     if found is None or len(findings.items) > before:
         return None
     path, reduced = found
-    stiffness = factor * reduced.stiffness
-    modes = ComponentModes(path, reduced, stiffness, np.zeros(reduced.modes), factor)
-    damping = _damping(reader, modes)
-    if len(findings.items) > before or damping is None:
+    modes = ComponentModes(path, reduced, reduced.stiffness, np.zeros(reduced.modes))
+    damped = _damped(reader, modes.with_stiffness(factor))
+    if len(findings.items) > before or damped is None:
         return None
-    return FlexibleElement(
-        link, ComponentModes(path, reduced, stiffness, damping, factor), inertial
-    )
+    return FlexibleElement(link, damped, inertial)
 
 
 def _read_file(reader: Reader, folder: str) -> tuple[str, ReducedLink] | None:
@@ -96,8 +92,8 @@ def _read(path: str, _changed: int, _size: int) -> ReducedLink:
     return read(path)
 
 
-def _damping(reader: Reader, modes: ComponentModes) -> Array | None:
-    """Return the coefficients (m,): those of the description, else of the file; None if bad."""
+def _damped(reader: Reader, modes: ComponentModes) -> ComponentModes | None:
+    """Return modes damped as the description says, else as the file does; None if bad."""
     link, count = modes.link, modes.count
     given: dict[str, Array | None] = {'damping_ratio': None, 'damping': None}
     for name, unit in (('damping_ratio', '-'), ('damping', 'N s/m')):
@@ -116,8 +112,8 @@ def _damping(reader: Reader, modes: ComponentModes) -> Array | None:
     if ratio is None and damping is None:
         ratio, damping = link.damping_ratio, link.damping
     if ratio is not None:
-        return np.asarray(ratio * modes.critical_damping)
-    return np.zeros(count) if damping is None else damping * np.ones(count)
+        return replace(modes, damping=ratio * modes.critical_damping, damping_ratio=ratio)
+    return modes if damping is None else replace(modes, damping=damping * np.ones(count))
 
 
 def component_link(

@@ -175,6 +175,26 @@ def finite(text: str) -> float | None:
     return number if abs(number) <= LARGEST and '_' not in text else None
 
 
+def as_text(value: Any) -> str | None:
+    """Return a value as an attribute's text, None if it is neither number, text nor numbers."""
+    if isinstance(value, str):
+        return value
+    if isinstance(value, bool) or value is None:
+        return None
+    if isinstance(value, int | float | np.integer | np.floating):
+        return str(value)
+    if isinstance(value, Sequence | np.ndarray):
+        parts = [as_text(part) for part in np.ravel(np.asarray(value, dtype=object))]
+        return None if None in parts else ' '.join(str(part) for part in parts)
+    return None
+
+
+def unknown_path(path: str, known: Sequence[str], findings: Findings) -> None:
+    """Note a dotted path that the robot does not have, with those that it has."""
+    exist = ', '.join(known) if known else 'none of this kind'
+    findings.add(f'path {path!r}', f'must be one that the robot has ({exist}), got another')
+
+
 def _rule(unit: str, above: float | None, least: float | None) -> str:
     bound = f'> {above:g}' if above is not None else f'>= {least:g}' if least is not None else ''
     return ' '.join(part for part in ('be', bound or 'a finite number', unit) if part)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -21,12 +21,15 @@ from denoc_ros.model.beam_sections import (
 )
 from denoc_ros.model.component_links import FlexibleElement, read_flexible
 from denoc_ros.model.findings import Element, Findings, Reader
-from denoc_ros.model.inertial_sensors import InertialElement, read_inertial_sensor
-from denoc_ros.model.loops import LoopElement, read_loop
-from denoc_ros.model.sensors import SensorElement, read_sensor
+from denoc_ros.model.rigid_urdf import RigidUrdf
+from denoc_ros.model.sensors import (
+    InertialElement,
+    SensorElement,
+    read_inertial_sensor,
+    read_sensor,
+)
 from denoc_ros.model.shapes import SHAPES
-from denoc_ros.model.springs import read_spring
-from denoc_ros.model.tree import INERTIAL_PARTS, Spring
+from denoc_ros.model.tree import INERTIAL_PARTS, SIDES, JointKind, Spring
 from denoc_ros.types import Array
 
 MOST_MODES = 50  # more would only be a typing error
@@ -352,3 +355,197 @@ def _read_damping(reader: Reader, name: str, unit: str, modes: int) -> Array | N
     if len(values) not in (0, 1, modes):
         reader.fail(name, f'have one number, or one for each of {modes} modes', text)
     return values
+
+
+# loops ------------------------------------------------------------------------------------------
+
+WITH_AXIS = ('revolute', 'prismatic', 'universal')
+WITH_DYNAMICS = ('revolute', 'prismatic')
+TYPES = (*WITH_AXIS, 'spherical', 'fixed')
+
+
+@dataclass(frozen=True)
+class LoopElement:
+    """`<loop>` as the file says it."""
+
+    name: str
+    type: str
+    parent: str  # link
+    parent_origin: Array  # (4, 4) loop frame seen from the link frame
+    child: str
+    child_origin: Array  # (4, 4)
+    axis: Array | None  # (3,) unit
+    axis2: Array | None  # (3,) unit
+    damping: float
+    friction: float
+
+
+def read_loop(
+    element: Element, links: Collection[str], names: set[str], findings: Findings
+) -> LoopElement | None:
+    """Return a loop, None if it has findings.
+
+    Parameters
+    ----------
+    element : lxml element
+        `<loop>`.
+    links : collection of str
+        The robot's links.
+    names : set of str
+        Names of the loops before it; its own is added.
+    findings : Findings
+        Gathers what is wrong.
+
+    Returns
+    -------
+    LoopElement or None
+        As the file says it, axes made unit.
+    """
+    before, name = len(findings.items), element.get('name', '')
+    reader = Reader(element, f'loop {name!r}', findings)
+    reader.only(('name', 'type'), ('parent', 'child', 'axis', 'axis2', 'dynamics'))
+    reader.unique_name(names)
+    type_ = reader.choice('type', TYPES)
+    parent, parent_origin = _read_end(reader, 'parent', links)
+    child, child_origin = _read_end(reader, 'child', links)
+    if parent and parent == child:
+        findings.add(reader.whose, f'parent and child must be two links, got {child!r} twice')
+    axis = _read_axis(reader, 'axis', type_, WITH_AXIS)
+    axis2 = _read_axis(reader, 'axis2', type_, ('universal',))
+    damping, friction = _read_dynamics(reader, type_)
+    if len(findings.items) > before:
+        return None
+    return LoopElement(
+        name, type_, parent, parent_origin, child, child_origin, axis, axis2, damping, friction
+    )
+
+
+def _one(reader: Reader, tag: str, needed: bool) -> Element | None:
+    found = reader.element.findall(tag)
+    if len(found) > 1 or (needed and not found):
+        reader.findings.add(reader.whose, f'<{tag}> must occur once, got {len(found)}')
+    return found[0] if found else None
+
+
+def _read_end(reader: Reader, tag: str, links: Collection[str]) -> tuple[str, Array]:
+    element = _one(reader, tag, needed=True)
+    if element is None:
+        return '', np.eye(4)
+    end = Reader(element, reader.whose, reader.findings, f' of <{tag}>')
+    end.only(('link', 'xyz', 'rpy'))
+    link = end.text('link')
+    if link and link not in links:
+        end.fail('link', 'be a link of the robot', link)
+    return link, end.pose()
+
+
+def _read_axis(reader: Reader, tag: str, type_: str, types: Collection[str]) -> Array | None:
+    element = _one(reader, tag, needed=type_ in types)
+    if element is None:
+        return None
+    if type_ and type_ not in types:
+        reader.findings.add(reader.whose, f'<{tag}> must not occur in a {type_} loop, got one')
+    axis = Reader(element, reader.whose, reader.findings, f' of <{tag}>')
+    axis.only(('xyz',))
+    return axis.axis()
+
+
+def _read_dynamics(reader: Reader, type_: str) -> tuple[float, float]:
+    element = _one(reader, 'dynamics', needed=False)
+    if element is None:
+        return 0.0, 0.0
+    if type_ and type_ not in WITH_DYNAMICS:
+        reader.findings.add(reader.whose, f'<dynamics> must not occur in a {type_} loop, got one')
+    dynamics = Reader(element, reader.whose, reader.findings, ' of <dynamics>')
+    dynamics.only(('damping', 'friction'))
+    damping = dynamics.number('damping', least=0.0, default=0.0)
+    return damping, dynamics.number('friction', least=0.0, default=0.0)
+
+
+# elastic joints ---------------------------------------------------------------------------------
+
+OF_SPRING = ('joint', 'stiffness', 'damping', 'stiffness3', 'backlash', 'measured')
+
+
+def read_spring(
+    element: Element, root: Element, springs: Mapping[str, Spring], findings: Findings
+) -> tuple[str, Spring]:
+    """Return a spring and the name of its joint.
+
+    Parameters
+    ----------
+    element : lxml element
+        `<spring>`.
+    root : lxml element
+        `<robot>`.
+    springs : mapping of str to Spring
+        The springs before it, by joint.
+    findings : Findings
+        Gathers what is wrong; with findings the numbers may be nan.
+
+    Returns
+    -------
+    tuple of str and Spring
+    """
+    name = element.get('joint', '')
+    reader = Reader(element, f'spring of joint {name!r}', findings)
+    reader.only(OF_SPRING)
+    found = {joint.get('name'): joint for joint in root.findall('joint')}.get(name)
+    if reader.text('joint') and (found is None or found.get('type') == 'fixed'):
+        reader.fail('joint', 'be a movable joint of the robot', name)
+    elif found is not None and found.find('mimic') is not None:
+        reader.fail('joint', 'be no mimic joint: give the spring to its leader', name)
+    if name in springs:
+        findings.add(reader.whose, 'must occur once, got it twice')
+    slides = found is not None and found.get('type') == 'prismatic'
+    units = (JointKind.PRISMATIC if slides else JointKind.REVOLUTE).units
+    return name, Spring(
+        reader.number('stiffness', units['stiffness'], above=0.0),
+        reader.number('damping', units['spring_damping'], least=0.0, default=0.0),
+        reader.number('stiffness3', units['stiffness3'], least=0.0, default=0.0),
+        reader.number('backlash', units['backlash'], least=0.0, default=0.0),
+        reader.choice('measured', SIDES, SIDES[0]),
+    )
+
+
+def check_springs(
+    robot: RigidUrdf,
+    springs: Mapping[str, Spring],
+    armatures: Mapping[str, float],
+    loops: Iterable[LoopElement],
+    findings: Findings,
+    warnings: list[str],
+) -> None:
+    """Note springs of joints that a loop closes over, and those without a rotor's inertia.
+
+    Parameters
+    ----------
+    robot : RigidUrdf
+        Links and joints.
+    springs, armatures : mapping by joint
+    loops : iterable of LoopElement
+    findings : Findings
+        Gathers what is wrong.
+    warnings : list of str
+        Gathers what keeps forward dynamics from being solved.
+    """
+    before = {joint.child: joint for joint in robot.joints if joint.kind is not JointKind.FIXED}
+    over = {joint.child: joint for joint in robot.joints}
+
+    def support(link: str) -> set[str]:
+        names = set()
+        while link in over:
+            if link in before:
+                names.add(before[link].name)
+            link = over[link].parent
+        return names
+
+    for loop in loops:
+        for name in sorted((support(loop.parent) ^ support(loop.child)) & set(springs)):
+            rule = f'joint must be outside of every loop, got one that {loop.name!r} closes over'
+            findings.add(f'spring of joint {name!r}', rule)
+    for name in springs:
+        armature = armatures.get(name, 0.0)
+        if not armature > 0.0:
+            rule = 'armature of <actuator> should be > 0 (forward dynamics need it)'
+            warnings.append(f'spring of joint {name!r}: {rule}, got {armature:g}')

@@ -13,7 +13,7 @@ from denoc_ros.model.tree import Body, Joint, Tree
 
 def has_springs(tree: Tree) -> bool:
     """Say whether a joint of a robot is elastic."""
-    return any(body.joint is not None and body.joint.spring is not None for body in tree.bodies)
+    return any(joint.spring is not None for joint in tree.joints.values())
 
 
 def without_springs(tree: Tree) -> Tree:
@@ -62,7 +62,7 @@ def is_measured_behind(joint: Joint) -> bool:
 
 def motors_behind(tree: Tree) -> tuple[str, ...]:
     """Return the joints whose states mean the link side of their springs."""
-    return tuple(b.joint.name for b in tree.bodies if b.joint and is_measured_behind(b.joint))
+    return tuple(n for n, joint in tree.joints.items() if is_measured_behind(joint))
 
 
 def seen_from_links(tree: Tree) -> Tree:

@@ -27,9 +27,8 @@ from lxml import etree
 from denoc_ros.errors import ModelError
 from denoc_ros.model.arrays import is_flexible
 from denoc_ros.model.findings import Element, Findings
-from denoc_ros.model.inertia import moved, total
+from denoc_ros.model.inertia import beam_inertia, moved, total
 from denoc_ros.model.mjcf_visuals import add_rod, add_visuals
-from denoc_ros.model.residual_inertia import beam_inertia
 from denoc_ros.model.tree import (
     Attachment,
     Beam,
@@ -548,7 +547,7 @@ def _options(writer: _Writer, gravity: Array) -> None:
 def _notes(tree: Tree, chains: Iterable[_Chain]) -> list[str]:
     """Return where MJCF means something else than the description."""
     notes = []
-    joints = [body.joint for body in tree.bodies if body.joint is not None]
+    joints = tree.joints.values()
     if any(joint.friction for joint in joints):
         notes.append('friction: MuJoCo holds a resting joint still, without a smooth slip')
     if any(0.0 < joint.limits.velocity < math.inf for joint in joints):

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from denoc_ros.model.flexibility import MOST_MODES, MOST_SEGMENTS
-from denoc_ros.model.override_elements import Value
-from denoc_ros.model.override_values import critical_damping
+from denoc_ros.model.segments import damping_ratios, deformations
 from denoc_ros.model.shapes import SHAPES
 from denoc_ros.model.tree import Beam, Tree
 
@@ -39,9 +38,9 @@ class PlantDescription:
         """Whether it says anything."""
         return self != PlantDescription()
 
-    def overrides(self, tree: Tree) -> dict[str, Value]:
+    def overrides(self, tree: Tree) -> dict[str, Any]:
         """Return the dotted paths, and their values, by which a robot becomes the plant."""
-        found: dict[str, Value] = {}
+        found: dict[str, Any] = {}
         for body in tree.bodies:
             if body.beam is None or body.segment > 1:
                 continue
@@ -52,14 +51,14 @@ class PlantDescription:
             found.update(self._deformations(f'beam.{body.name}', body.beam))
         return found
 
-    def _deformations(self, path: str, beam: Beam) -> dict[str, Value]:
+    def _deformations(self, path: str, beam: Beam) -> dict[str, Any]:
         """Return modes and damping ratios of a beam whose count of modes changes."""
-        found: dict[str, Value] = {}
-        for name, part, critical in critical_damping(beam):
+        found: dict[str, Any] = {}
+        for name, part, critical in deformations(beam):
             modes, segments = self.modes or part.modes, self.segments or beam.segments
             if not part.modes or (modes, segments) == (part.modes, beam.segments):
                 continue
-            ratios = [float(f'{ratio:.12g}') for ratio in part.damping / critical]
+            ratios = damping_ratios(part.damping, critical)
             ratios = ratios[:1] if segments > 1 else (ratios + ratios[-1:] * modes)[:modes]
             found[f'{path}.{name}.modes'] = modes
             found[f'{path}.{name}.damping_ratio'] = ratios

@@ -9,6 +9,7 @@ two Craig-Bampton shapes do so exactly, clamped-free ones never do (s'' = 0 at t
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,6 +26,7 @@ from denoc_ros.model.shapes import (
 from denoc_ros.model.tree import Beam, Deformation, Tree
 from denoc_ros.types import Array
 
+PARTS = ('y', 'z', 'torsion')  # fields of a beam, in the order of its amplitudes
 ROOT = 1e-12  # of a beam's length: what arithmetic leaves of station 0
 
 
@@ -143,6 +145,26 @@ def segment_torsion_shapes(modes: int, length: float) -> ShapeFunctions:
     _, mixing = eigh(raw.gram(1), raw.gram(0))
     unit = scaled_shapes(WaveShapes(1.0, beta, waves, linear, np.asarray(mixing)))
     return WaveShapes(length, beta, waves, linear, unit.mixing)
+
+
+def deformations(beam: Beam) -> Iterator[tuple[str, Deformation, Array]]:
+    """Yield name (y, z, torsion), deformation and critical damping (modes,) of a beam.
+
+    At a fixed root, of amplitudes scaled as the shape functions are [N s/m or N m s/rad].
+    """
+    mass, polar = (
+        (beam.mass_per_length, beam.mass_along),
+        (beam.polar_inertia, beam.polar_along),
+    )
+    for name, inertia in zip(PARTS, (mass, mass, polar), strict=True):
+        part = getattr(beam, name)
+        if part is not None:
+            yield name, part, critical_damping(part, *inertia, beam.segments)
+
+
+def damping_ratios(damping: Array, critical: Array) -> list[float]:
+    """Return ratios of modes, rounded: 0.005 in a file is to show as such."""
+    return [float(f'{ratio:.12g}') for ratio in damping / critical]
 
 
 def critical_damping(part: Deformation, inertia: float, along: Along, segments: int) -> Array:

@@ -6,7 +6,7 @@ Produced from URDF + `<flexibility>` by :mod:`denoc_ros.model.urdf`; nothing her
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import Enum
 from functools import cached_property
 from typing import Any
@@ -26,6 +26,30 @@ class JointKind(Enum):
     REVOLUTE = 1
     PRISMATIC = 2
     FLOATING = 3  # in a file only: a body that floats has `floating`
+
+    @property
+    def unit(self) -> str:
+        """Unit of the joint's position: m or rad."""
+        return 'm' if self is JointKind.PRISMATIC else 'rad'
+
+    @property
+    def effort_unit(self) -> str:
+        """Unit of the joint's force or torque: N or N m."""
+        return 'N' if self is JointKind.PRISMATIC else 'N m'
+
+    @property
+    def units(self) -> dict[str, str]:
+        """Units of a joint's and its spring's numbers, by the names of their paths."""
+        position, effort = self.unit, self.effort_unit
+        return {
+            'damping': f'{effort} s/{position}',
+            'friction': effort,
+            'armature': 'kg m^2' if position == 'rad' else 'kg',
+            'stiffness': f'{effort}/{position}',
+            'spring_damping': f'{effort} s/{position}',
+            'stiffness3': f'{effort}/{position}^3',
+            'backlash': position,
+        }
 
 
 @dataclass(frozen=True)
@@ -80,6 +104,16 @@ class Joint:
     continuous: bool = False
     spring: Spring | None = None  # None: the link turns with the motor
 
+    @property
+    def unit(self) -> str:
+        """Unit of its position: m or rad."""
+        return self.kind.unit
+
+    @property
+    def effort_unit(self) -> str:
+        """Unit of its force or torque: N or N m."""
+        return self.kind.effort_unit
+
 
 @dataclass(frozen=True)
 class RigidInertia:
@@ -103,10 +137,21 @@ class Deformation:
     order: int = 2  # of the derivative that is the strain: 1 of torsion
     first_root: float | None = None  # omega L^order / sqrt(stiffness / inertia) of the link's
     # lowest mode, tip free; None of a uniform one
+    damping_ratio: Array | None = None  # (m,) or (1,), None where damping is not given by it
 
     def stiffness_at(self, share: Array) -> Array:
         """Return EI or GJ [N m^2] at shares of the beam's length."""
         return np.asarray(self.stiffness * self.along.values(share))
+
+    @property
+    def unit_stiffness(self) -> Array:
+        """Modal stiffness (m,) by EI or GJ."""
+        return np.asarray(self.modal_stiffness / self.stiffness)
+
+    def with_stiffness(self, stiffness: float) -> Deformation:
+        """Return the same of another EI or GJ [N m^2], its damping as it was."""
+        modal = stiffness * np.diag(self.shapes.gram(self.order, self.along))
+        return replace(self, stiffness=stiffness, modal_stiffness=modal)
 
     @property
     def modes(self) -> int:
@@ -130,6 +175,7 @@ class Beam:
     strain_limit: float = np.inf  # of the outer fibre, for plans
     surface: tuple[float, float] = (0.0, 0.0)  # m, how far it is along y and z; 0: not known
     corners: bool = False  # whether strains of both directions add up in the section's corners
+    has_section: bool = False  # whether its numbers are those of one `<section>`
 
     @property
     def varies(self) -> bool:
@@ -158,11 +204,26 @@ class ComponentModes:
     stiffness: Array  # (m,) the file's, times the factor
     damping: Array  # (m,) coefficients
     factor: float = 1.0  # on the file's stiffness
+    damping_ratio: Array | None = None  # (m,) or (1,), None where damping is not given by it
 
     @property
     def count(self) -> int:
         """Number of modes."""
         return self.link.modes
+
+    @property
+    def modal_stiffness(self) -> Array:
+        """Stiffness (m,) of the modes, as beams call it."""
+        return self.stiffness
+
+    @property
+    def unit_stiffness(self) -> Array:
+        """Stiffness (m,) of the modes at a factor of 1."""
+        return self.link.stiffness
+
+    def with_stiffness(self, factor: float) -> ComponentModes:
+        """Return the same with another factor on the file's stiffness, its damping as it was."""
+        return replace(self, stiffness=factor * self.link.stiffness, factor=factor)
 
     @property
     def critical_damping(self) -> Array:
@@ -245,6 +306,7 @@ class Body:
     floating: str = ''  # name of the floating joint that it is on, else empty
     segment: int = 1  # which of its link's segments it is, from 1 at the root
     modes: ComponentModes | None = None  # of a link reduced from finite elements: then no beam
+    unloaded: RigidInertia | None = None  # its inertia without payloads; None: it has none
 
     @property
     def link(self) -> str:
@@ -383,17 +445,20 @@ class Tree:
         taken = {k for s in self.inertial_sensors for k in range(s.first, s.first + len(s.parts))}
         return [k for k in range(len(self.sensors) + len(taken)) if k not in taken]
 
+    @cached_property
+    def joints(self) -> dict[str, Joint]:
+        """The joints that move, by name, in coordinate order."""
+        return {body.joint.name: body.joint for body in self.bodies if body.joint is not None}
+
     @property
     def non_mimic_joints(self) -> tuple[str, ...]:
-        """Names of the joints that move and mimic none, in coordinate order."""
-        joints = [body.joint for body in self.bodies if body.joint is not None]
-        moving = [joint for joint in joints if joint.name and joint.kind is not JointKind.FIXED]
-        return tuple(joint.name for joint in moving if joint.mimic is None)
+        """Names of the joints that mimic none, in coordinate order."""
+        return tuple(name for name, joint in self.joints.items() if joint.mimic is None)
 
     @property
     def mimics(self) -> dict[str, Mimic]:
         """Each mimic joint's constraint to a joint that mimics none: chains are resolved."""
-        direct = {b.joint.name: b.joint.mimic for b in self.bodies if b.joint and b.joint.mimic}
+        direct = {name: joint.mimic for name, joint in self.joints.items() if joint.mimic}
         resolved = {}
         for name, mimic in direct.items():
             while (further := direct.get(mimic.leader)) is not None:

@@ -11,7 +11,7 @@ from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
 from denoc_ros.bags.cdr import stamp_fields
-from denoc_ros.dynamics.centre_line import CentreLine
+from denoc_ros.dynamics.deflection import CentreLine
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.model.segments import whole_beams
 from denoc_ros.nodes.messages import STAMP, template

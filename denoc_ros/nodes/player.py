@@ -27,18 +27,15 @@ from trajectory_msgs.msg import JointTrajectory
 
 from denoc_ros.bags.joint_state import JointStateMessage
 from denoc_ros.bags.reader import bag_contents, read_raw
-from denoc_ros.bags.series import read_joint_states
+from denoc_ros.bags.series import elapsed, read_joint_states
 from denoc_ros.errors import BagError, DenocError
-from denoc_ros.nodes.base import EVERY_MESSAGE, LATCHED
-from denoc_ros.nodes.buffers import release_buffers
-from denoc_ros.nodes.graph import leave_graph
+from denoc_ros.nodes.guarded_node import WithoutEvents, leave_graph
 from denoc_ros.nodes.inputs import stamp_reader
-from denoc_ros.nodes.messages import TrajectoryPointMessage
+from denoc_ros.nodes.messages import EVERY_MESSAGE, LATCHED, TrajectoryPointMessage
+from denoc_ros.nodes.middleware import release_buffers, use_sockets
 from denoc_ros.nodes.recorder import message_class
-from denoc_ros.nodes.sockets import use_sockets
-from denoc_ros.nodes.time_source import TimeSource
-from denoc_ros.nodes.without_events import WithoutEvents
-from denoc_ros.runtime.signals import SIGNALS, Interrupted
+from denoc_ros.nodes.simulated_time import TimeSource
+from denoc_ros.runtime.ending import SIGNALS, Interrupted
 from denoc_ros.types import Array
 
 LOOK = Duration(seconds=0.2)
@@ -93,23 +90,17 @@ def read_motion(path: str | Path, topic: str = '/joint_states') -> RecordedMotio
     it is left out.
     """
     series = read_joint_states(path, topic)
-    latest = np.maximum.accumulate(series.stamp_ns)
-    later = np.concatenate(([True], series.stamp_ns[1:] > latest[:-1]))
-    rows = later & np.isfinite(series.position).all(axis=1)
-    if np.count_nonzero(rows) < 4:
+    rows = series.rising().complete()
+    if len(rows.t) < 4:
         raise BagError(
-            f'{path}: {topic} must have at least 4 messages with all joints, '
-            f'got {np.count_nonzero(rows)}'
+            f'{path}: {topic} must have at least 4 messages with all joints, got {len(rows.t)}'
         )
-    stamps = series.stamp_ns[rows]
-    t = (stamps - stamps[0]) * 1e-9
-    position, velocity = series.position[rows], series.velocity[rows]
+    t = elapsed(rows.stamp_ns)
+    position, velocity = rows.position, rows.velocity
     if not np.isfinite(velocity).all():
         velocity = CubicSpline(t, position)(t, 1)
     acceleration = CubicSpline(t, velocity)(t, 1)
-    return RecordedMotion(
-        stamps, series.names, position, velocity, acceleration, series.effort[rows]
-    )
+    return RecordedMotion(rows.stamp_ns, rows.names, position, velocity, acceleration, rows.effort)
 
 
 class Player(WithoutEvents):

@@ -7,12 +7,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from denoc_ros.bags.series import read_joint_states
+from denoc_ros.bags.series import joint_state_blocks, read_joint_states
 from denoc_ros.dynamics.robot import Robot
-from denoc_ros.estimation.base_record import BaseRecord
+from denoc_ros.estimation.base_track import BaseRecord
 from denoc_ros.estimation.parameter_tracker import ParameterTracker
 from denoc_ros.estimation.tracker_settings import TrackerSettings
-from denoc_ros.identification.model.recording import Recording, read_recording
+from denoc_ros.identification.model.sources import Recording, RecordingSettings, read_source
 from denoc_ros.replay.settings import ReplayPlan, ReplaySettings
 from denoc_ros.types import Array
 
@@ -110,7 +110,8 @@ def adapted_along(
     if base is not None:
         tracker.base = base.once
     source = plan.source
-    found = read_recording(source.path, robot, source.topic, source.stamp, settings.rename)
+    reading = RecordingSettings(source.topic, source.stamp, settings.rename)
+    found = read_source(source.path, robot, reading)
     columns = [found.joints.index(joint) for joint in plan.joints]
     effort = _commanded(plan, found) if plan.effort else found.effort[:, columns]
     t: list[float] = []
@@ -162,14 +163,12 @@ def _calibrated(robot: Robot, found: Recording) -> Iterator[tuple[int, float, fl
 
 def _commanded(plan: ReplayPlan, found: Recording) -> Array:
     """Return the effort (k, joints) of a topic of its own, the newest at each joint state."""
-    series = read_joint_states(plan.source.path, plan.effort, None, plan.source.stamp)
-    first = read_joint_states(plan.source.path, plan.source.topic, None, plan.source.stamp)
-    stamps = 1e-9 * (series.stamp_ns - first.stamp_ns[0])
-    newest = np.searchsorted(stamps, found.t, side='right') - 1
+    source = plan.source
+    first = next(joint_state_blocks(source.path, [source.topic], 1, source.stamp))[source.topic]
+    series = read_joint_states(source.path, plan.effort, None, source.stamp)
+    series = series.since(int(first.stamp_ns[0])).select(plan.joints)
+    newest = np.searchsorted(series.t, found.t, side='right') - 1
     there = newest >= 0
     effort = np.full((len(found.t), len(plan.joints)), np.nan)
-    for column, name in enumerate(plan.joints):
-        if name in series.names:
-            of_joint = series.effort[:, series.names.index(name)]
-            effort[there, column] = of_joint[newest[there]]
+    effort[there] = series.effort[newest[there]]
     return effort

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import heapq
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -11,25 +11,24 @@ import numpy as np
 
 from denoc_ros.bags.joint_state import JOINT_STATE, JointStateMessage
 from denoc_ros.bags.reader import DESCRIPTION_ATTACHMENT, read_raw
-from denoc_ros.bags.readings import read_odometry
+from denoc_ros.bags.series import ODOMETRY_NUMBERS, elapsed, read_numbers
 from denoc_ros.bags.writer import BagWriter
-from denoc_ros.dynamics.held_base import held_robot
 from denoc_ros.dynamics.measured_side import measured_robot
+from denoc_ros.dynamics.reacting_base import held_robot
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import BagError, SolverError, StateError
-from denoc_ros.estimation.base_record import BaseRecord
+from denoc_ros.estimation.base_track import BaseRecord
 from denoc_ros.estimation.torque_along import TorqueReplay, Torques
 from denoc_ros.output_files import require_new, whole_file
 from denoc_ros.replay.adaptation import Adapted, AdaptSettings, adapted_along
-from denoc_ros.replay.computed_messages import Message, encoded
+from denoc_ros.replay.agreement import Agreement, Comparison, Shares, Traces
 from denoc_ros.replay.friction import FrictionFit, FrictionFitter
-from denoc_ros.replay.measures import Agreement, Comparison, Shares
 from denoc_ros.replay.settings import PREFIX, ReplayPlan, ReplaySettings, plan_replay
 from denoc_ros.replay.stream import LONGEST_GAP, Block, JointStream
-from denoc_ros.replay.traces import Traces
 from denoc_ros.types import Array
 
 Progress = Callable[[float], object]
+Message = tuple[int, str, bytes]  # log time, topic, CDR
 
 MEASURED = 'measured'
 
@@ -182,6 +181,25 @@ def _torques(model: TorqueReplay, t: Array, block: Block) -> Torques:
         ) from error
 
 
+def _encoded(
+    block: Block, torques: Torques, encoders: dict[str, JointStateMessage]
+) -> Iterator[Message]:
+    """Yield a block's messages, row by row."""
+    motion = (block.motion.q, block.motion.qd)
+    values: dict[str, tuple[Array, ...]] = {
+        f'{PREFIX}{model}/effort': (*motion, torque) for model, torque in torques.models.items()
+    }
+    if torques.deflection is not None:
+        values[f'{PREFIX}tip_deflection'] = tuple(torques.deflection)
+    if torques.modal is not None:
+        values[f'{PREFIX}modal_state'] = tuple(torques.modal)
+    for k, (stamp_ns, log_ns) in enumerate(
+        zip(block.stamp_ns.tolist(), block.log_ns.tolist(), strict=True)
+    ):
+        for topic, encoder in encoders.items():
+            yield log_ns, topic, encoder.encode(stamp_ns, *(part[k] for part in values[topic]))
+
+
 class _Work:
     """One replay under way."""
 
@@ -228,10 +246,11 @@ class _Work:
         if not self.plan.base:
             return
         settings, where = self._settings, f'{bag}: {self.plan.base}'
-        stamp_ns, poses, twists = read_odometry(bag, self.plan.base, settings.stamp)
+        stamp_ns, moved = read_numbers(bag, self.plan.base, ODOMETRY_NUMBERS, settings.stamp)
         rising = np.flatnonzero(np.diff(stamp_ns, prepend=-1) > 0)
         self._origin_ns = int(next(iter(self._stream)).stamp_ns[0])
-        t = np.asarray(1e-9 * (stamp_ns[rising] - self._origin_ns), dtype=np.float64)
+        t = elapsed(stamp_ns[rising], self._origin_ns)
+        poses, twists = moved[rising, :7], moved[rising, 7:]
         longest = float(np.diff(t).max(initial=0.0))
         if longest > LONGEST_GAP:
             raise BagError(
@@ -240,9 +259,7 @@ class _Work:
             )
         self._base_span = float(t[0]) - LONGEST_GAP, float(t[-1]) + LONGEST_GAP
         try:
-            self._base = BaseRecord(
-                t, poses[rising], twists[rising], settings.derivative, settings.cutoff
-            )
+            self._base = BaseRecord(t, poses, twists, settings.derivative, settings.cutoff)
         except StateError as error:
             raise BagError(f'{where}: {error}') from error
         self._base.floats = floats
@@ -266,7 +283,7 @@ class _Work:
             self._samples += len(t)
             self._motions += int(np.count_nonzero(block.starts))
             self._duration = float(t[-1])
-            yield from encoded(block, torques, encoders)
+            yield from _encoded(block, torques, encoders)
             self._advance(block)
 
     def result(self) -> Replay:
@@ -321,7 +338,7 @@ class _Work:
     def _times(self, block: Block) -> Array:
         if self._origin_ns < 0:
             self._origin_ns = int(block.stamp_ns[0])
-        t = np.asarray((block.stamp_ns - self._origin_ns) * 1e-9, dtype=np.float64)
+        t = elapsed(block.stamp_ns, self._origin_ns)
         first, last = self._base_span
         if t[0] < first or t[-1] > last:
             raise BagError(
@@ -336,18 +353,8 @@ class _Work:
 
     def _effort(self, block: Block) -> Array:
         if self.plan.effort:
-            return self._of_topic(block, self.plan.effort, self.plan.joints)
+            return block.beside[self.plan.effort].select(self.plan.joints).values
         return block.effort
-
-    def _of_topic(self, block: Block, topic: str, names: Iterable[str]) -> Array:
-        """Return the columns with these names, NaN where the topic has none."""
-        found = block.beside[topic]
-        missing = np.full(len(block.stamp_ns), np.nan)
-        columns = [
-            found.values[:, found.names.index(name)] if name in found.names else missing
-            for name in names
-        ]
-        return np.column_stack(columns)
 
     def _judge(self, t: Array, block: Block, torques: Torques) -> None:
         effort = self._effort(block)
@@ -359,14 +366,14 @@ class _Work:
         self._shares.add(effort, torques.parts)
         self._shares_computed.add(torques.best, torques.parts)
         if self.plan.commanded:
-            commanded = self._of_topic(block, self.plan.commanded, self.plan.joints)
+            commanded = block.beside[self.plan.commanded].select(self.plan.joints).values
             self._commanded = self._commanded or self._comparison(commanded.shape[1])
             self._commanded.add(t, commanded, torques.best, block.starts)
         if torques.deflection is None:
             return
         self._deflection_traces['replay'].add(t, torques.deflection[0])
         for topic in self.plan.deflections:
-            other = self._of_topic(block, topic, self._names)
+            other = block.beside[topic].select(self._names).values
             self._deflection_traces[topic].add(t, other)
             comparison = self._deflection.setdefault(topic, self._comparison(other.shape[1]))
             comparison.add(t, other, torques.deflection[0], block.starts)

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from denoc_ros.estimation.joint_friction import JointFriction
-from denoc_ros.model.arrays import SLIP_RATE
+from denoc_ros.model.friction import Friction, slip
 from denoc_ros.types import Array
 
 TERMS = ('viscous', 'coulomb', 'offset')
@@ -22,7 +21,7 @@ class FrictionFit:
 
     Attributes
     ----------
-    friction : JointFriction
+    friction : Friction
         What could not be told apart (a joint that does not move) is 0.
     formal, by_window : (joints, 3) array
         Standard errors of viscous, Coulomb and offset: as if residuals were independent, and with
@@ -37,7 +36,7 @@ class FrictionFit:
     samples : (joints,) int array
     """
 
-    friction: JointFriction
+    friction: Friction
     formal: Array
     by_window: Array
     size: Array
@@ -75,7 +74,7 @@ class FrictionFitter:
         """
         known = np.isfinite(rest)
         rest = np.where(known, rest, 0.0)
-        terms = np.stack([qd, np.tanh(qd / SLIP_RATE), np.ones_like(qd)], axis=-1)
+        terms = np.stack([qd, slip(qd), np.ones_like(qd)], axis=-1)
         terms = np.where(known[..., None], terms, 0.0)
         self._square += np.sum(rest**2, axis=0)
         self._samples += np.count_nonzero(known, axis=0)
@@ -115,7 +114,7 @@ class FrictionFitter:
         samples = np.maximum(self._samples, 1)
         squares = np.diagonal(matrices.sum(axis=0), axis1=1, axis2=2)
         return FrictionFit(
-            JointFriction(*found.T),
+            Friction(*found.T),
             formal,
             by_window,
             np.abs(found) * np.sqrt(squares / samples[:, None]),

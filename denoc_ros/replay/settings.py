@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
@@ -10,17 +9,19 @@ from pathlib import Path
 
 import numpy as np
 
-from denoc_ros.bags.columns import JointStateColumns
 from denoc_ros.bags.joint_state import JOINT_STATE
-from denoc_ros.bags.reader import BagContents, Stamp, bag_contents, read_raw
-from denoc_ros.bags.readings import ODOMETRY
-from denoc_ros.bags.series import JointSeries
-from denoc_ros.bags.topics import find_topic
+from denoc_ros.bags.reader import BagContents, Stamp, bag_contents
+from denoc_ros.bags.series import (
+    ODOMETRY,
+    JointSeries,
+    find_topic,
+    joint_state_blocks,
+    renamed,
+)
 from denoc_ros.dynamics.deflection import TipDeflections
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import BagError, ConfigError, StateError
 from denoc_ros.estimation.joint_motion import METHODS
-from denoc_ros.identification.joint_columns import renamed
 from denoc_ros.replay.stream import Source
 from denoc_ros.types import Array
 
@@ -152,7 +153,7 @@ def plan_replay(
             f'{path}: effort must come from a topic of {JOINT_STATE} ({_listed(series)}), '
             f'got {settings.effort!r}'
         )
-    beginning = _beginning(path, topic)
+    beginning = next(joint_state_blocks(path, [topic], LOOKED_AT))[topic]
     found = renamed(beginning.names, settings.rename)
     driven = robot.tree.non_mimic_joints
     joints = settings.joints or tuple(name for name in driven if name in found)
@@ -208,13 +209,6 @@ def _base_topic(
             f'and {_listed(present)} in {path}'
         )
     return found
-
-
-def _beginning(path: Path, topic: str) -> JointSeries:
-    columns = JointStateColumns(topic)
-    for _, _, log_ns, raw in itertools.islice(read_raw(path, [topic]), LOOKED_AT):
-        columns.append(raw, log_ns)
-    return columns.series()
 
 
 def _posture(robot: Robot, found: Mapping[str, str], beginning: JointSeries) -> Array:

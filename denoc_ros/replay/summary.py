@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from denoc_ros.replay.adaptation import NORMAL, Adapted
+from denoc_ros.replay.agreement import Agreement
 from denoc_ros.replay.bag import Replay
 from denoc_ros.replay.friction import TERMS, FrictionFit
-from denoc_ros.replay.measures import Agreement
 
 SAMPLES = 2000  # of a number over time, at most
 FEW = 0.01  # of all joint states may be left out, of a torque count for nothing

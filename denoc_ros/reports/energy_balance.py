@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from denoc_ros.bags.run import RecordedTopics
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.reports.figures import PHASE_COLOURS, TRUTH_COLOUR, Curve, Panel, line_figure
 from denoc_ros.reports.pages import Card, PageSection, Verdict, engineering
-from denoc_ros.reports.recording import RecordedTopics
 from denoc_ros.types import Array
 
 CLOSED = 1e-9  # m or rad: what a simulation keeps its loops to

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+from denoc_ros.bags.run import UNFINISHED
 from denoc_ros.reports.loop_timing import LoopMeasure
 from denoc_ros.reports.measures import PhaseMeasures, deflection_error, peak, rms
 from denoc_ros.reports.pages import Card, Tone, Verdict, engineering
-from denoc_ros.reports.recording import UNFINISHED
 from denoc_ros.reports.sections import Units, without_folders
 
 WRONG = 20.0  # % of its peak from which on a predicted deflection is no good

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from denoc_ros.bags.series import Diagnostic
+from denoc_ros.bags.run import Diagnostic
 from denoc_ros.types import Array
 
 SECOND = 1_000_000_000  # ns

@@ -2,25 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from denoc_ros.bags.run import Interval, RecordedTopics
+from denoc_ros.bags.series import Series
 from denoc_ros.control.asked_motion import AskedMotion
 from denoc_ros.errors import SolverError
-from denoc_ros.reports.recording import ASKED_TOPICS, Interval, RecordedTopics, Series
 from denoc_ros.trajectories import SplineTrajectory
 from denoc_ros.types import Array
+from denoc_ros.units import deflection_unit
+from denoc_ros.viewer.recorded import notable_deflections
 
 if TYPE_CHECKING:
     from denoc_ros.dynamics.robot import Robot
 
-SHOWN_COMPONENTS = ('uy', 'uz', 'rx')
+ASKED_TOPICS = ('up/asked', 'shaper/input')  # what a shaped reference was shaped from
 ROUNDING = 1e-12  # rad
-NEGLIGIBLE = 1e-3  # of the largest deflection of its kind: neither shown nor judged
 LONG_ENOUGH = 0.5  # s after the stop that say something of swing
 SETTLED = 3.0  # s after the stop from which on an arm should be at rest
 REACTING = 1001  # moments of a motion to which a floating base reacts
@@ -46,7 +47,7 @@ class Deflection:
     @property
     def unit(self) -> str:
         """Metres, or radians of a turn."""
-        return 'rad' if self.name.rpartition('/')[2].startswith('r') else 'm'
+        return deflection_unit(self.name)
 
 
 @dataclass(frozen=True)
@@ -290,15 +291,8 @@ def _deflections(recording: RecordedTopics, start: float, end: float) -> tuple[D
             None if predicted is None else predicted.column(name),
             None if true is None else true.select((name,)).at(shown.t)[:, 0],
         )
-        for name in names
-        if _matters(name, peaks)
+        for name in notable_deflections(peaks, least=1e-9)
     )
-
-
-def _matters(name: str, peaks: Mapping[str, float]) -> bool:
-    kind = name.rpartition('/')[2]
-    alike = [value for other, value in peaks.items() if other.rpartition('/')[2][0] == kind[0]]
-    return kind in SHOWN_COMPONENTS and peaks[name] > max(NEGLIGIBLE * max(alike), 1e-9)
 
 
 def _phase_summary(phase: PhaseMeasures) -> dict[str, Any]:

@@ -31,6 +31,8 @@ from denoc_ros.reports.pages import (
 from denoc_ros.reports.run_files import recording_name
 from denoc_ros.reports.sections import Units
 from denoc_ros.reports.text_table import cell_text
+from denoc_ros.units import deflection_unit
+from denoc_ros.viewer.recorded import SHOWN_COMPONENTS, notable_deflections
 
 Look = tuple[str, bool]  # colour, dashed
 Summary = Mapping[str, Any]
@@ -41,7 +43,6 @@ LOOKS: Mapping[str, Look] = {
     'flexible': (PHASE_COLOURS[1], True),
 }
 DEFLECTION_LOOKS = ((TRUTH_COLOUR, False), (PHASE_COLOURS[2], False), (PHASE_COLOURS[1], True))
-SMALL = 1e-3  # of the largest deflection of its kind: not drawn
 
 
 def page(
@@ -222,7 +223,7 @@ def _deflection(replay: Replay, summary: Summary) -> PageSection | None:
     panels = [
         Panel(
             name,
-            _unit(name),
+            deflection_unit(name),
             [
                 Curve(topic.strip('/'), colour, *replay.deflection_traces[topic].curve(name), dash)
                 for topic, (colour, dash) in zip(_topics(replay), DEFLECTION_LOOKS, strict=False)
@@ -231,7 +232,11 @@ def _deflection(replay: Replay, summary: Summary) -> PageSection | None:
         for name in shown
     ]
     rows = [
-        [topic, name, *(engineering(one[key], _unit(name)) for key in ('measured_peak', 'rms'))]
+        [
+            topic,
+            name,
+            *(engineering(one[key], deflection_unit(name)) for key in ('measured_peak', 'rms')),
+        ]
         for topic, agreements in summary['deflection'].items()
         for name, one in agreements.items()
         if name in shown
@@ -253,17 +258,9 @@ def _topics(replay: Replay) -> list[str]:
 def _shown(replay: Replay) -> list[str]:
     """Return the deflections that matter, by their largest value among those of a kind."""
     traces = replay.deflection_traces['replay']
-    names = [name for name in traces.names if name.rpartition('/')[2] in ('uy', 'uz', 'rx')]
+    names = [name for name in traces.names if name.rpartition('/')[2] in SHOWN_COMPONENTS]
     peaks = {name: float(abs(traces.curve(name)[1]).max(initial=0.0)) for name in names}
-    largest = {
-        kind: max((peaks[n] for n in names if _unit(n) == kind), default=0.0)
-        for kind in ('m', 'rad')
-    }
-    return [name for name in names if peaks[name] > SMALL * largest[_unit(name)]]
-
-
-def _unit(name: str) -> str:
-    return 'rad' if name.rpartition('/')[2].startswith('r') else 'm'
+    return notable_deflections(peaks)
 
 
 def _adapted(replay: Replay) -> PageSection | None:

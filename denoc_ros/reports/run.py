@@ -11,7 +11,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from denoc_ros.bags.reader import read_description
-from denoc_ros.bags.series import Diagnostic
+from denoc_ros.bags.run import Diagnostic, RecordedTopics, read_run
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.errors import BagError, ConfigError, DenocError
 from denoc_ros.output_files import write_text
@@ -21,7 +21,6 @@ from denoc_ros.reports.measures import PhaseMeasures, measure, summarize
 from denoc_ros.reports.moments import moments
 from denoc_ros.reports.pages import ReportPage
 from denoc_ros.reports.provenance import named_file, named_text, provenance
-from denoc_ros.reports.recording import RecordedTopics
 from denoc_ros.reports.run_files import (
     EARTH,
     SIMULATED,
@@ -33,7 +32,7 @@ from denoc_ros.reports.run_files import (
 )
 from denoc_ros.reports.summary import time_in_words
 from denoc_ros.simulation.bag import write_run
-from denoc_ros.simulation.run import Run
+from denoc_ros.simulation.simulate import Run
 
 NOTED = ('time', 'beams', 'failure')  # of a session, in the numbers of its run
 
@@ -117,7 +116,7 @@ def _of_path(run_path: Path, command: str) -> Report:
     bag = find_bag(run_path)
     session = read_session(run_path)
     try:
-        recording = RecordedTopics(bag, session.get('phases', ()))
+        recording = read_run(bag, phases=session.get('phases', ()))
     except BagError as error:
         if 'failure' not in session:
             raise

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -24,10 +24,10 @@ from denoc_ros.reports.measures import PhaseMeasures, deflection_error, peak, rm
 from denoc_ros.reports.pages import UNKNOWN, PageSection, PageTable, engineering
 
 if TYPE_CHECKING:
-    from denoc_ros.bags.series import Diagnostic
+    from denoc_ros.bags.run import Diagnostic, RecordedTopics
+    from denoc_ros.bags.series import Series
     from denoc_ros.model.tree import Tree
     from denoc_ros.reports.measures import Deflection
-    from denoc_ros.reports.recording import RecordedTopics, Series
 
 FOLDERS = re.compile(r'(?<![\w.:/])/(?:[^\s/:\'"]+/)+')
 HIDDEN_KEYS = ('histogram_edges', 'histogram_counts')
@@ -37,22 +37,21 @@ HIDDEN_KEYS = ('histogram_edges', 'histogram_counts')
 class Units:
     """Units of joints by their names; those of joints that are not known turn."""
 
-    prismatic: frozenset[str] = frozenset()
+    kinds: Mapping[str, JointKind] = field(default_factory=dict)
 
     @classmethod
     def of(cls, tree: Tree | None) -> Units:
         """Return those of a robot's joints."""
-        bodies = tree.bodies if tree is not None else ()
-        joints = [body.joint for body in bodies if body.joint is not None]
-        return cls(frozenset(j.name for j in joints if j.kind is JointKind.PRISMATIC))
+        joints = {} if tree is None else tree.joints
+        return cls({name: joint.kind for name, joint in joints.items()})
 
     def position(self, joint: str) -> str:
         """Return that of its position."""
-        return 'm' if joint in self.prismatic else 'rad'
+        return self.kinds.get(joint, JointKind.REVOLUTE).unit
 
     def effort(self, joint: str) -> str:
         """Return that of its force or torque."""
-        return 'N' if joint in self.prismatic else 'N m'
+        return self.kinds.get(joint, JointKind.REVOLUTE).effort_unit
 
 
 def failure(text: str) -> PageSection | None:

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Any, TypeVar
 
 from denoc_ros.dynamics.robot import Robot
-from denoc_ros.errors import ConfigError, StateError
-from denoc_ros.model.override_values import Values, override_values
-from denoc_ros.model.overrides import damping_names, payloads_of, plain_paths
-from denoc_ros.model.tree import Tree
+from denoc_ros.errors import ConfigError, ModelError, StateError
+from denoc_ros.model.numbers import Values, numbers_of, other_names, plain_paths, values_of
+from denoc_ros.model.payloads import payloads_of
+from denoc_ros.model.source import is_text, parse_xml
+from denoc_ros.runtime.input_monitor import InputError
 
 PAYLOAD = 'payload.'
 Given = TypeVar('Given')
@@ -30,9 +30,8 @@ class LiveModel:
     def __init__(self, base: Robot, where: str) -> None:
         self._base = base
         self._where = where
-        self._names = damping_names(base.tree)
         self._overrides: dict[str, Any] = {}
-        self._built, self._values = base, override_values(base.tree)
+        self._built, self._numbers = base, numbers_of(base.tree)
 
     def plain(self, overrides: Mapping[str, Given]) -> dict[str, Given]:
         """Return values with the aliases `damping.*` replaced by the paths that they stand for.
@@ -42,7 +41,7 @@ class LiveModel:
         ConfigError
             Different values under two names of one number.
         """
-        return plain_paths(self._names, overrides)
+        return plain_paths(self._numbers, overrides)
 
     def robot(self, overrides: Mapping[str, Any]) -> Robot:
         """Return a robot with overrides and a workspace of its own.
@@ -56,9 +55,7 @@ class LiveModel:
         payloads = {path: value for path, value in plain.items() if path.startswith(PAYLOAD)}
         rest = {path: value for path, value in plain.items() if path not in payloads}
         if rest != self._overrides:
-            built = self._changed(rest)
-            self._values |= _changed_values(self._built.tree, built.tree)
-            self._built, self._overrides = built, rest
+            self._built, self._overrides = self._changed(rest), rest
         robot = self._built.copy()
         for link, payload in payloads_of(payloads, robot.tree).items():
             try:
@@ -81,14 +78,23 @@ class LiveModel:
 
         The overrides are those that the last `robot` was made with.
         """
-        values = dict(self._values)
+        values: Values = values_of(self._built.tree)
         values.update(self.plain(overrides))
-        values.update({name: values[path] for name, path in self._names.items() if path in values})
-        return values
+        return values | {name: values[path] for name, path in other_names(values).items()}
 
 
-def _changed_values(before: Tree, tree: Tree) -> Values:
-    """Return the numbers of a changed robot, without those of bodies that are the same."""
-    pairs = zip(before.bodies, tree.bodies, strict=True)
-    changed = tuple(new for old, new in pairs if new is not old)
-    return override_values(replace(tree, bodies=changed))
+def check_description(topic: str, text: str) -> None:
+    """Refuse text that is not a description: a path from a topic is never opened.
+
+    Raises
+    ------
+    InputError
+        Cause `format`: the text is not the XML of a `<robot>`.
+    """
+    if not is_text(text):
+        got = f'{len(text)} characters that begin with {text[:20]!r}'
+        raise InputError('format', f'{topic} must be the XML of a <robot>, got {got}')
+    try:
+        parse_xml(topic, text)
+    except ModelError as error:
+        raise InputError('format', str(error)) from error

@@ -10,13 +10,12 @@ import math
 from collections.abc import Sequence
 from copy import copy
 from operator import le
-from typing import Any
 
 import numpy as np
 
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.model.tree import Limits
-from denoc_ros.runtime.input_error import InputError
+from denoc_ros.runtime.input_monitor import InputError
 from denoc_ros.runtime.parameters import Settings
 from denoc_ros.types import Array
 
@@ -175,8 +174,7 @@ def _rate(limits: Limits, factor: float) -> float:
 
 def limits_of(robot: Robot, joints: Sequence[str]) -> list[Limits]:
     """Return the limits of joints of a robot."""
-    found: dict[str, Any] = {b.joint.name: b.joint for b in robot.tree.bodies if b.joint}
-    return [found[joint].limits for joint in joints]
+    return [robot.tree.joints[joint].limits for joint in joints]
 
 
 def motion_bounds(robot: Robot, joints: Sequence[str], settings: Settings) -> MotionBounds:

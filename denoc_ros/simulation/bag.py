@@ -12,26 +12,22 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from denoc_ros.bags.joint_state import JOINT_STATE
+from denoc_ros.bags.joint_state import FIELDS, JOINT_STATE, JointStateMessage
 from denoc_ros.bags.reader import DESCRIPTION_ATTACHMENT, SESSION_ATTACHMENT
-from denoc_ros.bags.readings import ODOMETRY
+from denoc_ros.bags.series import ODOMETRY
 from denoc_ros.bags.writer import BagWriter
 from denoc_ros.dynamics.deflection import TipDeflections
 from denoc_ros.dynamics.measured_side import MeasuredStates
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.output_files import require_new, whole_file
-from denoc_ros.simulation.run import Run
+from denoc_ros.simulation.simulate import Run
 from denoc_ros.trajectories import Trajectory
 from denoc_ros.types import Array
 
 BASE = '/base_motion'  # of a base that floats
 TRAJECTORY = 'trajectory_msgs/msg/JointTrajectory'
 REFERENCE_STEP = 0.01  # s between the points of the recorded reference
-TOPICS = {
-    '/joint_states': JOINT_STATE,
-    '/plant/true_modal_state': JOINT_STATE,
-    '/plant/true_deflection': JOINT_STATE,
-}
+TOPICS = ('/joint_states', '/plant/true_modal_state', '/plant/true_deflection')
 
 
 def write_run(
@@ -69,8 +65,8 @@ def write_run(
     """
     require_new(Path(path))
     with whole_file(path, parents=True) as unfinished, BagWriter(unfinished) as bag:
-        for topic, kind in TOPICS.items():
-            bag.add_topic(topic, kind)
+        for topic in TOPICS:
+            bag.add_topic(topic, JOINT_STATE)
         if description:
             bag.attach(DESCRIPTION_ATTACHMENT, description)
         if session:
@@ -87,35 +83,20 @@ def _write_states(bag: BagWriter, run: Run, robot: Robot, progress: Any) -> None
     measured = MeasuredStates(robot)
     position, velocity, effort = np.zeros((3, len(robot.joint_names)))
     tips = TipDeflections(robot)
+    encoders = (
+        JointStateMessage(robot.joint_names, FIELDS),
+        JointStateMessage(robot.coordinate_names, FIELDS[:2]),
+        JointStateMessage(tips.names, FIELDS[:2]),
+    )
     for t, q, qd, tau in zip(run.t, run.q, run.qd, run.torque, strict=True):
         stamp_ns = round(float(t) * 1e9)
-        deflection, rate = tips.evaluate(q, qd)
         measured.positions(q, position)
         measured.positions(qd, velocity)
         effort[:] = tau[robot.joint_indices]
         measured.efforts(q, qd, effort)
-        bag.write_message(
-            '/joint_states',
-            stamp_ns,
-            name=list(robot.joint_names),
-            position=position,
-            velocity=velocity,
-            effort=effort,
-        )
-        bag.write_message(
-            '/plant/true_modal_state',
-            stamp_ns,
-            name=list(robot.coordinate_names),
-            position=q,
-            velocity=qd,
-        )
-        bag.write_message(
-            '/plant/true_deflection',
-            stamp_ns,
-            name=list(tips.names),
-            position=deflection,
-            velocity=rate,
-        )
+        rows = ((position, velocity, effort), (q, qd), tips.evaluate(q, qd))
+        for topic, encoder, values in zip(TOPICS, encoders, rows, strict=True):
+            bag.write(topic, stamp_ns, encoder.encode(stamp_ns, *values))
         if len(robot.base_indices):
             bag.write_message(BASE, stamp_ns, **_odometry(*robot.base_odometry(q, qd)))
         if progress is not None:

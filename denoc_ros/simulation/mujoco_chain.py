@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import scipy.linalg
 
-from denoc_ros.dynamics.mechanism_modes import independent_joints, mechanism_modes
+from denoc_ros.dynamics.natural_modes import independent_joints, mechanism_modes
 from denoc_ros.errors import ConfigError, SolverError
 from denoc_ros.model.segments import whole_beams
 from denoc_ros.types import Array

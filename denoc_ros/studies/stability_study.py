@@ -39,7 +39,6 @@ from denoc_ros.dynamics.base_motion import Base
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.validation import as_output
 from denoc_ros.errors import ConfigError, SolverError
-from denoc_ros.model.tree import JointKind
 from denoc_ros.simulation.motion import EquationsOfMotion, Torque
 from denoc_ros.simulation.scenario import Scenario
 from denoc_ros.simulation.simulate import integrate
@@ -363,9 +362,7 @@ def _require_forward(robot: Robot, scenario: Scenario) -> None:
 
 
 def _joint_units(robot: Robot) -> tuple[str, ...]:
-    joints = {body.joint.name: body.joint for body in robot.tree.bodies if body.joint is not None}
-    slides = (joints[name].kind is JointKind.PRISMATIC for name in robot.joint_names)
-    return tuple('m' if slide else 'rad' for slide in slides)
+    return tuple(robot.tree.joints[name].unit for name in robot.joint_names)
 
 
 def _desired(robot: Robot, scenario: Scenario) -> Trace | None:

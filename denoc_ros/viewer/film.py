@@ -15,10 +15,9 @@ from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import ConfigError, DenocError
 from denoc_ros.output_files import whole_file
 from denoc_ros.types import Array
-from denoc_ros.viewer.camera import AUTO, VIEWS
-from denoc_ros.viewer.picture import Comparison, Picture, stated, strip
+from denoc_ros.viewer.picture import ComparisonPicture, Picture, stated, strip
 from denoc_ros.viewer.recorded import RecordedRun
-from denoc_ros.viewer.scene_setup import SceneSetup
+from denoc_ros.viewer.scene_setup import AUTO, VIEWS, SceneSetup
 
 Pixels = NDArray[np.uint8]
 
@@ -200,7 +199,7 @@ def _beside(run: RecordedRun, robot: Robot, look: Look, title: str) -> _Film:
     spans = [run.phase_span(name) for name in look.phases]
     states = np.concatenate([run.at(_looked_at(*span)) for span in spans])
     staging = SceneSetup(robot, states, look.scale, look.view, look.folder)
-    picture = Comparison(staging, look.phases, title, stated(run, staging), look.size)
+    picture = ComparisonPicture(staging, look.phases, title, stated(run, staging), look.size)
 
     def draw(t: float) -> Pixels:
         # a phase that is over stays as it ended

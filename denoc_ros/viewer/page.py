@@ -1,34 +1,39 @@
-"""The page in the browser: the robot as it bends, its controls and its charts."""
+"""The page in the browser: the robot as it bends, a choice of robots, and who may use it."""
 
 from __future__ import annotations
 
 import contextlib
+import http
+import ipaddress
 import logging
+import math
 import socket
 import threading
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
+from typing import Any, NamedTuple
+from urllib.parse import urlsplit
 
 import numpy as np
 import rich
 import viser
+import websockets.asyncio.server
+from viser import _messages
 
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.validation import as_states
-from denoc_ros.errors import ConfigError, StateError
-from denoc_ros.viewer.access import check_values, checking_origins
+from denoc_ros.errors import ConfigError, DenocError, StateError
 from denoc_ros.viewer.charts import Charts
-from denoc_ros.viewer.controls import Controls
-from denoc_ros.viewer.modes import ModePlayer
-from denoc_ros.viewer.playback import Playback
-from denoc_ros.viewer.posing import JointSliders, start_configuration
+from denoc_ros.viewer.folders import JointSliders, ModePlayer, Playback, start_configuration
 from denoc_ros.viewer.snapshot import Snapshot
-from denoc_ros.viewer.view import View, ViewOptions
+from denoc_ros.viewer.view import Controls, View, ViewOptions
 
 MOST_PORT = 65535
 FACED = 20  # moments of a run that the camera is to see
 LOOPBACK = ('127.0.0.1', 'localhost', '::1')
+_SERVING = threading.Lock()
 
 
 class _Server(viser.ViserServer):
@@ -321,3 +326,138 @@ def _check_address(host: str, port: int) -> None:
         reason = getattr(error, 'strerror', None) or error
         rule = 'host and port must be ones to listen on'
         raise ConfigError('page', [f'{rule}, got {host!r}, {port}: {reason}']) from error
+
+
+class Exhibit(NamedTuple):
+    """A robot and the joint positions by name [rad, m] that it is shown at first."""
+
+    robot: Robot
+    joints: Mapping[str, float]
+
+
+def offer(page: Page, names: Sequence[str], shown: str, load: Callable[[str], Exhibit]) -> None:
+    """Put a list of robots on a page, each with sliders for its joints.
+
+    Parameters
+    ----------
+    page : Page
+    names : sequence of str
+    shown : str
+        The one to begin with.
+    load : callable
+        Returns a robot by its name.
+    """
+    gui = page.server.gui
+    with gui.add_folder('Systems', order=-10.0):
+        choice = gui.add_dropdown('Robot', tuple(names), initial_value=shown)
+        text = gui.add_markdown('')
+
+    def change() -> None:
+        try:
+            exhibit = load(choice.value)
+            page.change_robot(exhibit.robot)
+            page.pose(exhibit.joints)
+        except DenocError as error:
+            text.content = str(error)
+            return
+        text.content = ''
+
+    choice.on_update(lambda _: change())
+    change()
+
+
+def is_welcome(origin: str | None, host: str | None, allowed: Collection[str]) -> bool:
+    """Say whether a web page may open a socket to this one.
+
+    A browser sends the address of the page whose script asks: without this, any page that is open
+    beside ours could press its buttons.
+
+    Parameters
+    ----------
+    origin : str or None
+        What the request says of the page; None: it is no browser's.
+    host : str or None
+        What the request calls this server.
+    allowed : collection of str
+        Host names besides those of this machine's loopback.
+    """
+    if origin is None:
+        return True
+    try:
+        name = urlsplit(origin).hostname
+        called = urlsplit(f'//{host or ""}').hostname
+    except ValueError:
+        return False
+    if not name:
+        return False
+    if name in LOOPBACK or name in allowed:
+        return True
+    # our own page under this machine's address; a name could be anybody's, made to lead here
+    own = socket.gethostname().lower()
+    return name == called and (_is_address(name) or name in (own, f'{own}.local'))
+
+
+def _is_address(name: str) -> bool:
+    try:
+        ipaddress.ip_address(name)
+    except ValueError:
+        return False
+    return True
+
+
+@contextmanager
+def checking_origins(allowed: Collection[str]) -> Iterator[None]:
+    """Let the server that viser starts in this block refuse the pages of others."""
+    serve = websockets.asyncio.server.serve
+
+    def checked(*given: Any, process_request: Callable[..., Any], **options: Any) -> Any:
+        def on_request(connection: Any, request: Any) -> Any:
+            headers = request.headers
+            if is_welcome(headers.get('Origin'), headers.get('Host'), allowed):
+                return process_request(connection, request)
+            return connection.respond(http.HTTPStatus.FORBIDDEN, 'another page\n')
+
+        return serve(*given, process_request=on_request, **options)
+
+    with _SERVING:  # viser offers no hook: it calls this function, by its module, as it starts
+        websockets.asyncio.server.serve = checked  # type: ignore[misc, assignment]
+        try:
+            yield
+        finally:
+            websockets.asyncio.server.serve = serve  # type: ignore[misc]
+
+
+def check_values(server: viser.ViserServer) -> None:
+    """Let the controls of a server take possible values only: viser sets whatever comes."""
+    gui, interface = server.gui, server._websock_server
+    handle_update = gui._handle_gui_updates
+
+    async def on_update(client: Any, message: Any) -> None:
+        control = gui._gui_input_handle_from_uuid.get(message.uuid)
+        if control is not None and is_possible(control, message.updates):
+            await handle_update(client, message)
+
+    interface.unregister_handler(_messages.GuiUpdateMessage, handle_update)
+    interface.register_handler(_messages.GuiUpdateMessage, on_update)
+
+
+def is_possible(control: Any, updates: Any) -> bool:
+    """Say whether a control can take the values of a browser's message.
+
+    Parameters
+    ----------
+    control : viser handle
+        A slider, checkbox, list of choices or button.
+    updates : mapping
+        By the name of what is changed.
+    """
+    if not isinstance(updates, dict) or set(updates) != {'value'}:
+        return False
+    value, now = updates['value'], control.value
+    if isinstance(now, bool):
+        return isinstance(value, bool)
+    if isinstance(now, (int, float)):
+        number = isinstance(value, (int, float)) and not isinstance(value, bool)
+        return number and math.isfinite(value) and control.min <= value <= control.max
+    options = getattr(control, 'options', ())
+    return isinstance(value, str) and value in options

@@ -11,14 +11,14 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
-from matplotlib.ticker import MultipleLocator
+from matplotlib.ticker import MaxNLocator, MultipleLocator
 from numpy.typing import NDArray
 
 from denoc_ros.types import Array
+from denoc_ros.units import round_up, si_prefix
 from denoc_ros.viewer.bending import strain_colours
 from denoc_ros.viewer.recorded import RecordedRun
 from denoc_ros.viewer.scene_setup import SceneSetup
-from denoc_ros.viewer.strip_charts import CURVES, GRID, INK, MUTED, chart_groups, draw_charts
 
 Pixels = NDArray[np.uint8]
 
@@ -29,6 +29,11 @@ MARGIN = 0.06  # of the field of view
 SQUARES = 10  # of a grid along its longer side, at most
 BEHIND = 0.5  # drawn before the robot
 TRAIL = 0.7  # drawn before the robot, over the floor
+INK, MUTED, GRID = '#20242a', '#6b7280', '#e5e7eb'
+CURVES = ('#d1622b', '#1f6fb2', '#2e8b57', '#8e5ea2', '#b8860b', '#4b5563')
+MOST_CURVES = 6  # of a chart; the largest are shown
+MOST_CHARTS = 3
+SMALLEST = 1e-6  # prefix on an axis
 
 
 class Scene:
@@ -92,7 +97,7 @@ class Canvas:
         return np.array(self._canvas.buffer_rgba())[:, :, :3]
 
 
-class Comparison:
+class ComparisonPicture:
     """Frames of a film that shows several motions of a robot beside each other.
 
     Parameters
@@ -314,7 +319,7 @@ def _coordinates(axes: Axes, staging: SceneSetup, numbered: bool) -> None:
     for side in axes.spines.values():
         side.set_color(GRID)
     extent = max(np.ptp(axes.get_xlim()), np.ptp(axes.get_ylim()))
-    step = nice_step(float(extent) / SQUARES)
+    step = round_up(float(extent) / SQUARES)
     for axis in (axes.xaxis, axes.yaxis):
         axis.set_major_locator(MultipleLocator(step))
     axes.tick_params(colors=MUTED, labelsize=8, length=0)
@@ -346,7 +351,7 @@ def _floor(axes: Axes, staging: SceneSetup, noted: bool) -> None:
 def _floor_lines(staging: SceneSetup) -> tuple[Array, float]:
     """Return the lines (k, 2, 2) of the floor's squares in the picture and their width [m]."""
     low, high = staging.box
-    step = nice_step(float((high - low)[:2].max()) / SQUARES)
+    step = round_up(float((high - low)[:2].max()) / SQUARES)
     first, last = np.floor(low[:2] / step), np.ceil(high[:2] / step)
     lines = []
     for along, across in ((0, 1), (1, 0)):
@@ -356,12 +361,6 @@ def _floor_lines(staging: SceneSetup) -> tuple[Array, float]:
             ends[:, along] = first[along] * step, last[along] * step
             lines.append(ends)
     return staging.camera.project(np.array(lines))[:, :, :2], step
-
-
-def nice_step(size: float) -> float:
-    """Return the next 1, 2 or 5 times a power of ten above a size."""
-    power = 10.0 ** np.floor(np.log10(size))
-    return float(next(m * power for m in (1.0, 2.0, 5.0, 10.0) if m * power >= size * (1 - 1e-9)))
 
 
 def _colour_bar(
@@ -390,3 +389,63 @@ def _colour_bar(
     )
     for side in axes.spines.values():
         side.set_visible(False)
+
+
+def chart_groups(run: RecordedRun) -> dict[str, list[str]]:
+    """Return the channels of each chart, by quantity and unit; not where all of them are 0."""
+    groups: dict[str, list[str]] = {}
+    for name in run.names:
+        groups.setdefault(name.partition('/')[0], []).append(name)
+    tell = [group for group, names in groups.items() if any(_peak(run, n) > 0.0 for n in names)]
+    return {group: groups[group] for group in tell[:MOST_CHARTS]}
+
+
+def draw_charts(figure: Figure, run: RecordedRun, groups: dict[str, list[str]]) -> list[Any]:
+    """Draw the charts; return the lines that mark the time."""
+    cursors = []
+    width = 0.93 / max(len(groups), 1)
+    for k, (group, names) in enumerate(groups.items()):
+        axes = figure.add_axes((0.055 + k * width, 0.07, width - 0.06, 0.15))
+        _chart(axes, run, group, names)
+        cursors.append(axes.axvline(run.span[0], color=INK, lw=1.0))
+    return cursors
+
+
+def _chart(axes: Axes, run: RecordedRun, group: str, names: Sequence[str]) -> None:
+    columns = {name: run.channel(name) for name in names}
+    peaks = {name: _peak(run, name) for name in names}
+    largest = sorted(names, key=lambda name: -peaks[name])[:MOST_CURVES]
+    what, _, unit = group.rstrip(']').partition(' [')
+    factor, prefix = si_prefix(max(peaks.values()), SMALLEST) if unit else (1.0, '')
+    shown = [name for name in names if name in largest]
+    whose = list(dict.fromkeys(_whose(name) for name in shown))
+    for name in shown:
+        label, colour = name.partition('/')[2], CURVES[whose.index(_whose(name)) % len(CURVES)]
+        # predicted over true: dashes leave both to be seen
+        style: Any = (0, (3, 2)) if label.startswith('predicted') else 'solid'
+        values = columns[name] / factor
+        axes.plot(run.t, values, color=colour, lw=1.2, ls=style, label=label)
+    left_out = f', {len(shown)} of {len(names)}' if len(shown) < len(names) else ''
+    title = f'{what}{left_out} [{prefix}{unit}]' if unit else f'{what}{left_out}'
+    axes.set_title(title, loc='left', size=8.5, color=INK, pad=3)
+    axes.legend(
+        fontsize=6.5, frameon=False, loc='lower right', bbox_to_anchor=(1.02, 0.98), ncols=3,
+        handlelength=1.4, columnspacing=0.8, labelcolor=MUTED, borderpad=0.0, labelspacing=0.2,
+    )  # fmt: skip
+    start, end = run.span
+    axes.set_xlim(start, end if end > start else start + 1.0)
+    axes.set_xlabel('time [s]', size=8, color=MUTED, labelpad=1)
+    axes.grid(True, color=GRID, lw=0.6)
+    axes.tick_params(colors=MUTED, labelsize=7.5, length=2)
+    axes.yaxis.set_major_locator(MaxNLocator(4))
+    for side in axes.spines.values():
+        side.set_color(GRID)
+
+
+def _peak(run: RecordedRun, name: str) -> float:
+    return float(np.nanmax(np.abs(run.channel(name))))
+
+
+def _whose(name: str) -> str:
+    """Quantity of a channel, without its source."""
+    return name.partition('/')[2].split(' ', 1)[-1]

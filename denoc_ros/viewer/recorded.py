@@ -10,14 +10,20 @@ from typing import overload
 
 import numpy as np
 
+from denoc_ros.bags.run import RecordedTopics, read_run
+from denoc_ros.bags.series import JointSeries, Series
 from denoc_ros.dynamics.driven_motion import driven_motion
 from denoc_ros.dynamics.measured_side import described_coordinates
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import BagError, ConfigError
 from denoc_ros.types import Array
-from denoc_ros.viewer.channels import deflection_channel, residual_channel, torque_channels
-from denoc_ros.viewer.snapshot import Snapshot
-from denoc_ros.viewer.thinned_topics import Rows, ThinnedTopics
+from denoc_ros.units import deflection_unit
+from denoc_ros.viewer.snapshot import (
+    Snapshot,
+    deflection_channel,
+    residual_channel,
+    torque_channels,
+)
 
 INSIDE = 1e-6  # share of the phases by which the last moment is before their end
 
@@ -37,7 +43,7 @@ DEFLECTIONS = {
 }
 RESIDUAL = 'predictor/sensor_residual'
 SHOWN_COMPONENTS = ('uy', 'uz', 'rx')
-NEGLIGIBLE = 1e-3  # of the largest deflection of its kind: not worth a strip chart
+NEGLIGIBLE = 1e-3  # of the largest deflection of its unit: neither shown nor judged
 RATE = 60.0  # Hz, of the moments kept
 
 
@@ -57,7 +63,7 @@ class RecordedRun(Sequence[Snapshot]):
         What is taken of the run [s since its origin].
     rate : float
         Moments per second at most; fewer where the run is so long that they would be more than
-        `thinned_topics.MOST_ROWS`.
+        `bags.run.MOST_ROWS`.
 
     Attributes
     ----------
@@ -93,18 +99,18 @@ class RecordedRun(Sequence[Snapshot]):
         self._robot = robot
         self._known = (robot.coordinate_names, described_coordinates(robot))
         wanted = {*STATES.values(), *TORQUES, *DEFLECTIONS, RESIDUAL}
-        topics = ThinnedTopics(path, wanted, start, end, rate)
-        if end < 0.0 or start > topics.duration:
+        recorded = read_run(path, wanted, (start, end), rate)
+        if end < 0.0 or start > recorded.length:
             raise BagError(
                 f'{path}: run must have moments from {start:g} to {end:g} s, '
-                f'got one of {topics.duration:.3g} s'
+                f'got one of {recorded.length:.3g} s'
             )
-        self.phases = topics.phases
-        self.source, rows = self._state(topics, source)
+        self.phases = recorded.marks()
+        self.source, rows = self._state(recorded, source)
         self.t = rows.t
         self.q, self._qd = self._coordinates(rows)
-        self._torque = self._find_torque(topics)
-        found = self._find_channels(topics)
+        self._torque = self._find_torque(recorded)
+        found = self._find_channels(recorded)
         self._channels = {name: column for name, column in found if np.isfinite(column).any()}
         self.names = tuple(self._channels)
 
@@ -194,86 +200,86 @@ class RecordedRun(Sequence[Snapshot]):
         """Return a channel at all moments, (k,)."""
         return self._channels[name]
 
-    def _state(self, topics: ThinnedTopics, wanted: str) -> tuple[str, Rows]:
+    def _state(self, recorded: RecordedTopics, wanted: str) -> tuple[str, JointSeries]:
         if wanted and wanted not in STATES:
             raise BagError(f'source must be one of {", ".join(STATES)}, got {wanted!r}')
         for source in (wanted,) if wanted else STATES:
-            rows = topics.rows(STATES[source])
+            rows = recorded.joints(STATES[source])
             if rows is None:
                 continue
             names = self._recorded(source, rows)
-            if names and len((whole := rows.complete(names)).t):
+            if names and len((whole := rows.ascending().complete(names)).t):
                 return source, whole
         asked = f'{STATES[wanted]}' if wanted else 'a modal state or joint_states'
         raise BagError(
             f'{self.path}: bag must have {asked} of robot {self._robot.tree.name!r} '
             f'({", ".join(self._robot.joint_names)}), got topics '
-            f'{", ".join(topics.names) or "(none)"}'
+            f'{", ".join(recorded.topics) or "(none)"}'
         )
 
-    def _recorded(self, source: str, rows: Rows) -> list[str]:
+    def _recorded(self, source: str, rows: JointSeries) -> list[str]:
         """Return the coordinates to be taken from a topic; none where it is of another robot."""
         described = {name for known in self._known for name in known}
         if any('/' in name and name not in described for name in rows.names):
             return []  # of beams that are described otherwise
         for known in self._known:
-            if rows.has(known):
+            if set(known) <= set(rows.names):
                 return list(known)
         joints = self._robot.joint_names if source == 'joints' else ()
         return [name for name in joints if name in rows.names]
 
-    def _coordinates(self, rows: Rows) -> tuple[Array, Array | None]:
+    def _coordinates(self, rows: JointSeries) -> tuple[Array, Array | None]:
         robot = self._robot
         for known in self._known:
-            if rows.has(known):
+            if set(known) <= set(rows.names):
                 q, qd = np.zeros((2, len(rows.t), robot.n))
                 places = [robot.coordinate_names.index(name) for name in known]
-                q[:, places], qd[:, places] = rows.columns(known), rows.columns(known, 'velocity')
+                chosen = rows.select(known)
+                q[:, places], qd[:, places] = chosen.position, chosen.velocity
                 return q, qd if np.isfinite(qd).all() else None
         q = np.zeros((len(rows.t), robot.n))
-        if rows.has(robot.joint_names):
-            q[:, robot.joint_indices] = rows.columns(robot.joint_names)
+        if set(robot.joint_names) <= set(rows.names):
+            q[:, robot.joint_indices] = rows.select(robot.joint_names).position
             return q, None
         driven = [name for name in robot.tree.non_mimic_joints if name in rows.names]
         motion = driven_motion(robot, driven, flexible=False)
         now = motion.posture.copy()
-        for row, given in zip(q, rows.columns(driven), strict=True):
-            motion.positions(now, given)
+        given = np.ascontiguousarray(rows.select(driven).position)
+        for row, measured in zip(q, given, strict=True):
+            motion.positions(now, measured)
             row[:] = now
         return q, None
 
-    def _find_torque(self, topics: ThinnedTopics) -> dict[str, Array]:
+    def _find_torque(self, recorded: RecordedTopics) -> dict[str, Array]:
         for topic in TORQUES:
-            rows = topics.rows(topic)
+            rows = recorded.joints(topic)
             if rows is None:
                 continue
             names = [name for name in self._robot.joint_names if name in rows.names]
-            effort = rows.columns(names, 'effort')
-            if np.isfinite(effort).any():
-                return dict(zip(names, self._beside(rows.t, effort).T, strict=True))
+            effort = rows.ascending().field('effort').select(names)
+            if np.isfinite(effort.values).any():
+                return dict(zip(names, effort.at(self.t).T, strict=True))
         return {}
 
-    def _find_channels(self, topics: ThinnedTopics) -> Iterator[tuple[str, Array]]:
-        found = {what: topics.rows(topic) for topic, what in DEFLECTIONS.items()}
-        present = {what: rows for what, rows in found.items() if rows is not None}
-        for name in _worth_showing(present):
-            for what, rows in present.items():
-                if name in rows.names:
-                    values = self._beside(rows.t, rows.columns([name]))[:, 0]
+    def _find_channels(self, recorded: RecordedTopics) -> Iterator[tuple[str, Array]]:
+        found = {what: recorded.joints(topic) for topic, what in DEFLECTIONS.items()}
+        present = {
+            what: rows.ascending().field('position')
+            for what, rows in found.items()
+            if rows is not None
+        }
+        for name in notable_deflections(_peaks(present), least=1e-12):
+            for what, series in present.items():
+                if name in series.names:
+                    values = series.select([name]).at(self.t)[:, 0]
                     yield deflection_channel(what, name), values
         torques = torque_channels(self._robot.tree)
         for name, values in self._torque.items():
             yield torques[name], values
-        if (residual := topics.rows(RESIDUAL)) is not None:
-            columns = self._beside(residual.t, residual.position).T
+        if (residual := recorded.joints(RESIDUAL)) is not None:
+            columns = residual.ascending().field('position').at(self.t).T
             for name, values in zip(residual.names, columns, strict=True):
                 yield residual_channel(name), values
-
-    def _beside(self, t: Array, values: Array) -> Array:
-        """Return columns (k, m) of another topic at the moments; NaN outside of it."""
-        return np.column_stack(
-            [np.interp(self.t, t, column, left=np.nan, right=np.nan) for column in values.T]
-        )
 
 
 def _known(columns: Mapping[str, Array], index: int) -> dict[str, float]:
@@ -282,20 +288,25 @@ def _known(columns: Mapping[str, Array], index: int) -> dict[str, float]:
     return {name: value for name, value in row.items() if math.isfinite(value)}
 
 
-def _worth_showing(present: Mapping[str, Rows]) -> list[str]:
-    """Return the deflections that are not negligible beside others of their kind."""
+def _peaks(present: Mapping[str, Series]) -> dict[str, float]:
+    """Return the largest magnitude of each deflection, whoever tells it."""
     peaks: dict[str, float] = {}
-    for rows in present.values():
-        for name, column in zip(rows.names, rows.position.T, strict=True):
+    for series in present.values():
+        for name, column in zip(series.names, series.values.T, strict=True):
             largest = float(np.nanmax(np.abs(column), initial=0.0))
             peaks[name] = max(peaks.get(name, 0.0), largest)
-    largest_of = {
-        kind: max((p for n, p in peaks.items() if n.rpartition('/')[2][:1] == kind), default=0.0)
-        for kind in ('u', 'r')
-    }
+    return peaks
+
+
+def notable_deflections(peaks: Mapping[str, float], least: float = 0.0) -> list[str]:
+    """Deflections with a peak [m, rad] beyond the least one, and not negligible among others."""
+    largest: dict[str, float] = {}
+    for name, peak in peaks.items():
+        unit = deflection_unit(name)
+        largest[unit] = max(largest.get(unit, 0.0), peak)
     return [
         name
         for name, peak in peaks.items()
-        if (kind := name.rpartition('/')[2]) in SHOWN_COMPONENTS
-        and peak > max(NEGLIGIBLE * largest_of[kind[0]], 1e-12)
+        if name.rpartition('/')[2] in SHOWN_COMPONENTS
+        and peak > max(NEGLIGIBLE * largest[deflection_unit(name)], least)
     ]

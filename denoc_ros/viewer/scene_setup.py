@@ -13,7 +13,6 @@ from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import StateError
 from denoc_ros.types import Array
 from denoc_ros.viewer.bending import Bending, exaggerated, strain_colours
-from denoc_ros.viewer.camera import AUTO, Camera, camera
 from denoc_ros.viewer.outline import reach
 
 Indices = NDArray[np.int64]
@@ -28,6 +27,16 @@ CLOSED = 1e-6  # of a surface's area: what the sum of its area vectors may be
 TINY = 1e-300
 AMBIENT = 0.55  # of the light: what comes from everywhere
 LIGHT = np.array([-0.34, 0.54, 0.77])  # where the rest comes from: right, up, towards the eye
+FLAT = 0.2  # of the second widest extent: what is narrower than that is seen from its flat side
+AUTO = 'auto'
+# What is to the right and what is up, base axes.
+VIEWS = {
+    'side': ((1.0, 0.0, 0.0), (0.0, 0.0, 1.0)),
+    'top': ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0)),
+    'front': ((0.0, 1.0, 0.0), (0.0, 0.0, 1.0)),
+    'iso': ((0.8, 0.6, 0.0), (-0.3, 0.4, 0.75**0.5)),
+}
+LOOKS_ALONG = ('front', 'side', 'top')  # x, y, z
 
 
 @dataclass(frozen=True)
@@ -58,7 +67,7 @@ class SceneSetup:
     scale : float
         What deflections are drawn larger by; 0: chosen so that they are seen.
     view : str
-        As of `denoc_ros.viewer.camera.camera`.
+        As of `camera`.
     folder : Path, optional
         Where relative names of mesh files start.
 
@@ -211,3 +220,54 @@ def _shade(normals: Array) -> Array:
     brightness = AMBIENT + (1.0 - AMBIENT) * np.abs(normals @ LIGHT)
     # what faces the eye has the colours of the colour bar
     return np.asarray(brightness / (AMBIENT + (1.0 - AMBIENT) * LIGHT[2]))
+
+
+@dataclass(frozen=True)
+class Camera:
+    """A parallel projection.
+
+    Attributes
+    ----------
+    view : str
+        One of `VIEWS`.
+    axes : (3, 3) array
+        Rows: right, up, and towards the eye; base axes, a proper rotation.
+    """
+
+    view: str
+    axes: Array
+
+    @property
+    def flat(self) -> bool:
+        """Whether it looks along a base axis, so that the picture has true coordinates."""
+        return self.view != 'iso'
+
+    def project(self, points: Array) -> Array:
+        """Return (..., 3): right and up in the picture, and depth towards the eye [m]."""
+        return np.asarray(points @ self.axes.T)
+
+
+def camera(view: str, instants: Array) -> Camera:
+    """Return the camera of a view.
+
+    Parameters
+    ----------
+    view : {'auto', 'side', 'top', 'front', 'iso'}
+        auto: onto the plane of a motion that stays in one, or of a robot that does; else iso.
+    instants : (k, v, 3) array
+        Where points of the robot are at some instants [m, base frame].
+    """
+    chosen = best_view(instants) if view == AUTO else view
+    right, up = (np.array(axis) for axis in VIEWS[chosen])
+    return Camera(chosen, np.array([right, up, np.cross(right, up)]))
+
+
+def best_view(instants: Array) -> str:
+    """Return the view that shows the motion of points at some instants, (k, v, 3)."""
+    moved = (instants - instants.mean(axis=0)).reshape(-1, 3)
+    for points in (moved, instants.reshape(-1, 3)):
+        extent = np.ptp(points, axis=0)
+        narrow, second, _ = np.argsort(extent)
+        if extent[narrow] < FLAT * extent[second]:
+            return LOOKS_ALONG[narrow]
+    return 'iso'

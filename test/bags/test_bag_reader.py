@@ -12,11 +12,12 @@ from data_files import PANDA_BAG, UR10_BAG
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from denoc_ros.bags.decompression import LARGEST_CHUNK
 from denoc_ros.bags.definitions import encode, exact_cdr
 from denoc_ros.bags.reader import bag_topics, read_attachment, read_bag
 from denoc_ros.bags.recover import recover
-from denoc_ros.bags.series import read_arrays, read_joint_states, statuses
+from denoc_ros.bags.run import statuses
+from denoc_ros.bags.series import read_arrays, read_joint_states
+from denoc_ros.bags.storage import LARGEST_CHUNK
 from denoc_ros.bags.writer import BagWriter
 from denoc_ros.errors import BagError
 
@@ -87,8 +88,8 @@ def test_joint_states_are_read_without_a_message_object_each(
 
 
 def test_arrays_and_diagnostics_are_read(small_bag: Path) -> None:
-    arrays = read_arrays(small_bag, '/commands')
-    assert arrays.labels == ('a', 'b')
+    _, arrays = read_arrays(small_bag, '/commands')
+    assert arrays.names == ('a', 'b')
     np.testing.assert_array_equal(arrays.values, [[4.0, 5.0]])
     (item,) = read_bag(small_bag, ['/diagnostics'])
     first, second = statuses(item.stamp_ns, item.message)

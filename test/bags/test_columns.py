@@ -7,11 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from denoc_ros.bags.columns import JointStateColumns
 from denoc_ros.bags.definitions import encode
 from denoc_ros.bags.joint_state import FIELDS
 from denoc_ros.bags.reader import read_bag, read_raw
-from denoc_ros.bags.series import JointSeries, read_joint_states
+from denoc_ros.bags.series import JointSeries, JointStateColumns, read_joint_states
 from denoc_ros.bags.writer import BagWriter
 from denoc_ros.errors import BagError
 

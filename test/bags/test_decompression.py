@@ -13,20 +13,19 @@ import zstandard
 from rosbags.rosbag2 import StoragePlugin, Writer
 from test_yaml_text import ALIASES, MERGES
 
-from denoc_ros.bags.decompression import (
+from denoc_ros.bags.definitions import encode, message_types
+from denoc_ros.bags.metadata import Topic
+from denoc_ros.bags.reader import read_bag, read_raw, read_thinned
+from denoc_ros.bags.recover import recover
+from denoc_ros.bags.series import read_joint_states
+from denoc_ros.bags.storage import (
     LARGEST_CHUNK,
     MOST_AT_ONCE,
+    McapFile,
     decompressed,
     decompressed_message,
     require_bounded,
 )
-from denoc_ros.bags.definitions import encode, message_types
-from denoc_ros.bags.metadata import Topic
-from denoc_ros.bags.reader import read_bag, read_raw
-from denoc_ros.bags.recover import recover
-from denoc_ros.bags.series import read_joint_states
-from denoc_ros.bags.storage import McapFile
-from denoc_ros.bags.thinning import read_thinned
 from denoc_ros.bags.writer import BagWriter
 from denoc_ros.cli.main import main
 from denoc_ros.errors import BagError

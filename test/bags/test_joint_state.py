@@ -10,7 +10,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from denoc_ros.bags.cdr import CdrError, CdrReader
-from denoc_ros.bags.columns import JointStateColumns
 from denoc_ros.bags.definitions import decode, encode, message_types
 from denoc_ros.bags.joint_state import (
     FIELDS,
@@ -18,6 +17,7 @@ from denoc_ros.bags.joint_state import (
     JointStateLayout,
     JointStateMessage,
 )
+from denoc_ros.bags.series import JointStateColumns
 from denoc_ros.types import Array
 
 NAMES = st.lists(st.text(st.characters(codec='utf-8', exclude_characters='\0'), max_size=9))

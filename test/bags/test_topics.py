@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from denoc_ros.bags.topics import find_topic
+from denoc_ros.bags.series import find_topic
 
 
 @pytest.mark.parametrize(

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 import denoc_ros as dn
+from denoc_ros.bags.run import read_run
 from denoc_ros.bags.writer import BagWriter
 from denoc_ros.cli.config import load_config
 from denoc_ros.cli.shaped_phases import plans_of
 from denoc_ros.control.carried_out import planned
 from denoc_ros.reports.measures import measure, summarize
-from denoc_ros.reports.recording import RecordedTopics
 from denoc_ros.simulation.reference import trajectory_from_config
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -79,7 +79,7 @@ def test_a_plan_has_the_feedforwards_base_and_its_tip_is_judged_in_the_world(
             )
             names = list(robot.coordinate_names)
             bag.write_message('/plant/true_modal_state', stamp, name=names, position=row)
-    (phase,) = measure(RecordedTopics(tmp_path / 'bag'), robot, 'tool')
+    (phase,) = measure(read_run(tmp_path / 'bag'), robot, 'tool')
     numbers = summarize((phase,))['reacts']
     # against a base that stood still it would be off by 4.7 m
     assert numbers['tip_error_moving']['max'] < 1e-4

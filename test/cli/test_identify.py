@@ -202,7 +202,7 @@ def test_applied_damping_is_what_rang(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     from denoc_ros.dynamics.robot import load_robot
-    from denoc_ros.model.override_values import override_values
+    from denoc_ros.model.numbers import values_of
 
     bag, truth = rung
     signal = ['--topic', '/plant/true_deflection', '--gravity', '0', '0', '0', '--end', '20']
@@ -212,7 +212,7 @@ def test_applied_damping_is_what_rang(
     robot, changed = str(repository / 'config/robots/canadarm.urdf'), tmp_path / 'changed.urdf'
     apply = ['identify', 'apply', *results, '--robot', robot, '--gravity', '0', '0', '0']
     assert main([*apply, '--doubtful', '-o', str(changed)]) == 0
-    values = override_values(load_robot(changed).tree)
+    values = values_of(load_robot(changed).tree)
     for path, value in truth.items():
         # the beams foreshorten: what rings is not quite linear, and has no noise besides
         np.testing.assert_allclose(np.ravel(values[path]), value, rtol=0.03)

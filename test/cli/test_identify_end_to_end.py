@@ -10,7 +10,7 @@ import pytest
 
 from denoc_ros.cli.main import main
 from denoc_ros.dynamics.robot import load_robot
-from denoc_ros.model.override_values import override_values
+from denoc_ros.model.numbers import values_of
 
 PATH = 'beam.link_1.y.damping_ratio'
 TRUE = [0.012, 0.008]
@@ -44,7 +44,7 @@ def test_identified_damping_is_the_plants_and_predicts_its_deflection(
     main(['identify', 'modal', bag, *signal, *GRAVITY, '--robot', robot, '-o', result])
     apply = ['identify', 'apply', result, '--robot', robot, *GRAVITY, '--doubtful']
     assert main([*apply, '-o', changed]) == 0
-    found = override_values(load_robot(changed).tree)[PATH]
+    found = values_of(load_robot(changed).tree)[PATH]
     # the second mode is not to be seen once the joint stands, and so stays as it was
     np.testing.assert_allclose(np.ravel(found)[0], TRUE[0], rtol=0.02)
     capsys.readouterr()

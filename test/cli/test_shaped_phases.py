@@ -12,6 +12,7 @@ from node_robots import gripper
 from numpy.typing import NDArray
 
 import denoc_ros as dn
+from denoc_ros.bags.run import read_run
 from denoc_ros.bags.writer import BagWriter
 from denoc_ros.cli.config import SessionConfig, load_config
 from denoc_ros.cli.shaped_phases import (
@@ -24,7 +25,6 @@ from denoc_ros.control.plan import Plan
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import ConfigError
 from denoc_ros.reports.measures import measure, summarize
-from denoc_ros.reports.recording import RecordedTopics
 from denoc_ros.simulation.reference import trajectory_from_config
 from denoc_ros.trajectories import Trajectory
 
@@ -192,7 +192,7 @@ def test_the_tip_is_judged_by_what_was_asked_for_and_after_the_stop(tmp_path: Pa
             bag.write_message('/joint_states', stamp, **message)
             bag.write_message('/plant/true_modal_state', stamp, **message)
         bag.write_message('/up/phase', START_NS + round(4.5e9), data='')
-    (phase,) = measure(RecordedTopics(tmp_path / 'bag'), robot, 'tool')
+    (phase,) = measure(read_run(tmp_path / 'bag'), robot, 'tool')
     assert phase.stop == pytest.approx(early + 2.0)
     numbers = summarize((phase,))['shaped']
     assert numbers['tip_error_moving']['max'] < 1e-4
@@ -200,7 +200,7 @@ def test_the_tip_is_judged_by_what_was_asked_for_and_after_the_stop(tmp_path: Pa
     assert numbers['tip_error_after_stop']['max'] == pytest.approx(swing * reach, rel=0.01)
     # the bag may lack every mark: the session knows its phases too
     noted = {'name': 'noted', 'begin_ns': START_NS, 'end_ns': START_NS + round(4.4e9)}
-    (same,) = measure(RecordedTopics(tmp_path / 'bag', [noted]), robot, 'tool')
+    (same,) = measure(read_run(tmp_path / 'bag', phases=[noted]), robot, 'tool')
     assert summarize((same,))['noted']['tip_error_moving'] == numbers['tip_error_moving']
-    cut = RecordedTopics(tmp_path / 'bag', [{**noted, 'end_ns': None}])
+    cut = read_run(tmp_path / 'bag', phases=[{**noted, 'end_ns': None}])
     assert [interval.name for interval in cut.phases] == ['noted (unfinished)']

@@ -14,7 +14,7 @@ from denoc_ros.control.reaction import continuous, falling, reaction
 from denoc_ros.control.ringing import ringing_modes, ringing_robot
 from denoc_ros.control.shaped_samples import rest_spline
 from denoc_ros.dynamics.feedforward import TorqueFeedforward
-from denoc_ros.dynamics.held_base import held_robot
+from denoc_ros.dynamics.reacting_base import held_robot
 
 EARTH = np.array([0.0, 0.0, -9.81])  # it must not matter: the spacecraft falls freely
 DURATION = 6.0

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from strategies import random_state, seeded_robot
 
-from denoc_ros.dynamics import workspace
+from denoc_ros.dynamics import robot_model
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.kernels.array_object import NOWHERE, array_type
 from denoc_ros.kernels.compiled import entry
@@ -88,7 +88,7 @@ def test_kernel_reads_what_it_may_not_write_and_no_more(robot: Robot, state: Sta
 def test_interpreter_without_such_arrays_gets_the_same(
     robot: Robot, state: State, monkeypatch: pytest.MonkeyPatch, close: Close
 ) -> None:
-    monkeypatch.setattr(workspace, 'ARRAY_TYPE', NOWHERE)
+    monkeypatch.setattr(robot_model, 'ARRAY_TYPE', NOWHERE)
     other = load_robot(ROBOT)
     q, qd, _ = state
     assert status(other, *state, np.zeros(other.n)) == MISFIT

@@ -12,7 +12,7 @@ import pytest
 from strategies import random_state, seeded_robot
 
 from denoc_ros.dynamics.robot import Robot, load_robot
-from denoc_ros.dynamics.workspace import Workspace
+from denoc_ros.dynamics.robot_model import Workspace
 from denoc_ros.kernels import CHECKED, handle
 from denoc_ros.kernels import layout as at_
 from denoc_ros.kernels.cache import cache_folder
@@ -71,7 +71,7 @@ def test_an_output_that_is_too_short_is_found_out() -> None:
     rows, short = np.zeros((3, robot.n)), np.zeros((2, robot.n))
     robot.inverse_dynamics(rows, rows, rows)  # compiles it
     with pytest.raises(IndexError, match='offset must lie within its array of float64'):
-        inverse_dynamics_rows(robot.handle, rows, rows, rows, 0, 3, short)
+        inverse_dynamics_rows(robot.handle, (rows, rows, rows, short), 0, 3)
 
 
 @pytest.mark.skipif(CHECKED, reason='this is that mode')

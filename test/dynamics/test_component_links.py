@@ -14,7 +14,9 @@ from component_links import TURN, beam_as_link
 import denoc_ros as dn
 from denoc_ros.errors import ModelError, StateError
 from denoc_ros.model import link_file
-from denoc_ros.model.component_arrays import kernel_axes
+from denoc_ros.model.beam_arrays import kernel_axes
+from denoc_ros.model.numbers import values_of
+from denoc_ros.model.overrides import with_overrides
 from denoc_ros.types import Array
 
 Pair = tuple[dn.Robot, dn.Robot]  # of beams, and of files
@@ -296,3 +298,23 @@ def test_an_array_larger_than_it_says_is_told(good: Path, tmp_path: Path) -> Non
             archive.writestr(name, given.read(name) + more)
     with pytest.raises(ModelError, match="'stiffness' must have the 32 bytes of its header"):
         link_file.read(path)
+
+
+def test_numbers_change_as_in_the_description(pair: Pair) -> None:
+    _, robot = pair
+    for path, value in (
+        ('flexible.a.stiffness', 1.7),
+        ('flexible.b.damping_ratio', 0.03),
+        ('flexible.b.damping', [0.1, 0.2, 0.3, 0.4]),
+        ('payload.b.mass', 0.5),
+        ('joint.j2.armature', 0.2),
+    ):
+        live, read = robot.with_overrides({path: value}), with_overrides(robot.tree, {path: value})
+        assert_same(live.arrays.diagonals, dn.Robot(read).arrays.diagonals)
+        assert_same(live.arrays.constants, dn.Robot(read).arrays.constants)
+        wanted = values_of(read)
+        for name, found in values_of(live.tree).items():
+            assert found == pytest.approx(wanted[name])
+        again = live.with_overrides({'flexible.b.stiffness': 0.5})
+        both = dn.Robot(with_overrides(read, {'flexible.b.stiffness': 0.5}))
+        assert_same(again.arrays.diagonals, both.arrays.diagonals)

@@ -14,7 +14,7 @@ from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.dynamics.stepper import Stepper
 from denoc_ros.errors import SolverError, StateError
 from denoc_ros.kernels.handle import DAMPING, FRICTION
-from denoc_ros.model.arrays import SLIP_RATE
+from denoc_ros.model.friction import SLIP_RATE
 from denoc_ros.trajectories import CycloidalTrajectory
 
 LINK = """

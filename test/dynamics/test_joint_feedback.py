@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from planar_chains import FLEXIBLE, planar_chain
 
-from denoc_ros.dynamics.feedback import with_joint_feedback
 from denoc_ros.dynamics.robot import load_robot
-from denoc_ros.dynamics.stepper import Stepper
+from denoc_ros.dynamics.stepper import Stepper, with_joint_feedback
 from denoc_ros.errors import StateError
 
 KP, KD = np.array([300.0, 200.0]), np.array([20.0, 10.0])

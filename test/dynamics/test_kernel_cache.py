@@ -16,8 +16,7 @@ import numba
 import pytest
 
 from denoc_ros.kernels import cache
-from denoc_ros.kernels.cache import KernelCache, cache_folder
-from denoc_ros.kernels.private_folder import NotPrivateError, private_folder
+from denoc_ros.kernels.cache import KernelCache, NotPrivateError, cache_folder, private_folder
 
 STRANGER = 54321
 as_root = pytest.mark.skipif(os.geteuid() != 0, reason='only root can give files away')

@@ -11,8 +11,8 @@ from geared_arm import arm_text
 
 import denoc_ros as dn
 from denoc_ros.dynamics.feedforward import TorqueFeedforward
-from denoc_ros.dynamics.gear_springs import deflection
 from denoc_ros.dynamics.measured_side import MeasuredStates, measured_equilibrium, measured_robot
+from denoc_ros.dynamics.springs import deflection
 from denoc_ros.estimation.observer import Observer
 from denoc_ros.estimation.observer_settings import ObserverSettings
 from denoc_ros.model.tree import Spring

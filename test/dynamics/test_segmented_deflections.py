@@ -11,8 +11,7 @@ from segmented_robots import spatial_text
 from strategies import random_state
 
 import denoc_ros as dn
-from denoc_ros.dynamics.centre_line import CentreLine
-from denoc_ros.dynamics.deflection import TipDeflections
+from denoc_ros.dynamics.deflection import CentreLine, TipDeflections
 from denoc_ros.dynamics.rotations import rotations
 from denoc_ros.errors import StateError
 from denoc_ros.types import Array

@@ -10,8 +10,7 @@ from truth_robots import truth_case
 
 import denoc_ros as dn
 from denoc_ros.dynamics.robot import Robot
-from denoc_ros.dynamics.stepper import Stepper
-from denoc_ros.dynamics.steps_along import StepsAlong
+from denoc_ros.dynamics.stepper import Stepper, StepsAlong
 from denoc_ros.errors import ModelError, StateError
 from denoc_ros.types import Array
 

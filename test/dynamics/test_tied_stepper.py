@@ -9,7 +9,7 @@ import pinocchio
 import pytest
 
 import denoc_ros as dn
-from denoc_ros.dynamics.feedback import with_joint_feedback
+from denoc_ros.dynamics.stepper import with_joint_feedback
 from denoc_ros.types import Array
 
 ROBOTS = Path(pinocchio.__file__).parents[4] / 'share' / 'example-robot-data' / 'robots'

@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 import denoc_ros as dn
-from denoc_ros.dynamics.response import response
+from denoc_ros.dynamics.equilibrium import response
 from denoc_ros.estimation import amplitude_filter
 from denoc_ros.estimation.fusion import FusionSettings
 from denoc_ros.estimation.observer import Observer

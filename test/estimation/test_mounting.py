@@ -8,8 +8,8 @@ from scipy.spatial.transform import Rotation
 
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.errors import ConfigError, IdentificationError
-from denoc_ros.estimation.mounting import calibrate_mounting
-from denoc_ros.model.remounting import remounted_description
+from denoc_ros.estimation.calibration import calibrate_mounting
+from denoc_ros.model.overrides import remounted_description
 from denoc_ros.types import Array
 
 SAID = '0.3 -0.2 0.5'

@@ -181,7 +181,7 @@ def test_bad_measurements_never_leave_the_bounds(kind: str) -> None:
 
 def test_the_tracked_model_is_the_one_that_is_built() -> None:
     """What is changed live gives the forces of the robot made with overrides."""
-    from denoc_ros.dynamics.live_numbers import LiveNumbers
+    from denoc_ros.dynamics.parameter_columns import LiveNumbers
 
     robot = arm()
     ei = 'beam.link_2.y.ei'

@@ -14,9 +14,9 @@ from denoc_ros.bags.joint_state import JOINT_STATE
 from denoc_ros.bags.writer import BagWriter
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.errors import BagError
-from denoc_ros.estimation.joint_friction import JointFriction
 from denoc_ros.estimation.joint_motion import SmoothedMotion
 from denoc_ros.estimation.torque_along import TorqueReplay, Torques
+from denoc_ros.model.friction import Friction
 from denoc_ros.replay.bag import replay_bag
 from denoc_ros.replay.friction import FrictionFit
 from denoc_ros.replay.settings import ReplaySettings
@@ -45,7 +45,7 @@ def wild(robot: Robot, rates: float = 1.0, accelerations: float = 1.0) -> Smooth
     return SmoothedMotion(q, rates * qd, accelerations * qdd)
 
 
-def terms(robot: Robot, motion: SmoothedMotion, friction: JointFriction | None = None) -> Torques:
+def terms(robot: Robot, motion: SmoothedMotion, friction: Friction | None = None) -> Torques:
     t = 0.01 * np.arange(ROWS, dtype=np.float64)
     return TorqueReplay(robot, robot.joint_names, friction=friction).torques(t, motion, STARTS)
 
@@ -70,10 +70,10 @@ def test_terms_are_what_their_names_say(arm: Robot) -> None:
 
 def test_given_friction_stands_for_the_robot_s_own(arm: Robot) -> None:
     joints = len(arm.joint_names)
-    law = JointFriction(np.full(joints, 0.7), np.full(joints, 0.2), np.linspace(-1.0, 1.0, joints))
+    law = Friction(np.full(joints, 0.7), np.full(joints, 0.2), np.linspace(-1.0, 1.0, joints))
     motion = wild(arm)
     own, given = terms(arm, motion), terms(arm, motion, law)
-    expected = own.best - own.parts['friction'] + law.torque(motion.qd) + law.offset
+    expected = own.best - own.parts['friction'] + law.force(motion.qd) + law.offset
     np.testing.assert_allclose(given.best, expected, atol=1e-10)
 
 
@@ -134,7 +134,7 @@ def test_stamps_of_the_log_serve_where_those_of_messages_stand_still(tmp_path: P
 def test_friction_that_drives_a_joint_is_doubtful(simulated_bag: SimulatedBag) -> None:
     found = replay_bag(simulated_bag.path, simulated_bag.robot)
     errors, size = np.full((2, 3), 0.1), np.ones((2, 3))
-    law = JointFriction(np.array([-0.15, 1.0]), np.array([1.0, -0.3]), np.array([-9.0, 0.0]))
+    law = Friction(np.array([-0.15, 1.0]), np.array([1.0, -0.3]), np.array([-9.0, 0.0]))
     one, count = np.ones(2), np.full(2, 500)
     fit = FrictionFit(law, errors, errors, size, one, one, one, count)
     # -0.15 may be chance, an offset may have either sign

@@ -13,8 +13,7 @@ from denoc_ros.errors import ModelError
 from denoc_ros.model.beams import flexible_link
 from denoc_ros.model.findings import Findings
 from denoc_ros.model.flexibility import BeamElement
-from denoc_ros.model.inertia import moved, total
-from denoc_ros.model.residual_inertia import beam_inertia
+from denoc_ros.model.inertia import beam_inertia, moved, total
 from denoc_ros.model.tree import Deformation, RigidInertia, Tree
 
 Spoil = Callable[[str, str], str]

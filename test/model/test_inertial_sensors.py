@@ -6,7 +6,7 @@ import pytest
 from small_robots import ARM
 
 from denoc_ros.errors import ConfigError, ModelError
-from denoc_ros.model.override_values import override_values
+from denoc_ros.model.numbers import values_of
 from denoc_ros.model.overrides import with_overrides
 from denoc_ros.model.urdf import load_tree
 
@@ -67,7 +67,7 @@ def test_a_station_beyond_the_tip_is_the_tip_with_a_warning() -> None:
 
 def test_noise_and_bias_are_overridden() -> None:
     tree = load_tree(GOOD)
-    values = override_values(tree)
+    values = values_of(tree)
     assert values['sensor.imu.gyro_bias'] == 0.01
     assert 'sensor.tap.gyro_bias' not in values
     changed = with_overrides(tree, {'sensor.imu.accel_noise': 0.5, 'sensor.tap.accel_bias': 0.3})

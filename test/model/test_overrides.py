@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from denoc_ros.errors import ConfigError, ModelError
-from denoc_ros.model.override_values import override_values
+from denoc_ros.model.numbers import values_of
 from denoc_ros.model.overrides import edited_description, with_overrides
 from denoc_ros.model.tree import Beam, Body, Joint, Tree
 from denoc_ros.model.urdf import load_tree
@@ -86,7 +86,7 @@ def test_damping_is_another_name(arm_text: str) -> None:
 
 def test_the_values_of_a_robot_leave_it_as_it_is(arm_text: str) -> None:
     tree = load_tree(arm_text)
-    values = override_values(tree)
+    values = values_of(tree)
     same = with_overrides(tree, values)
     for body, other in zip(tree.bodies, same.bodies, strict=True):
         if body.joint is not None:
@@ -270,7 +270,7 @@ def test_an_edited_description_is_the_changed_robot_and_keeps_the_rest(arm_text:
     }
     edited = edited_description(text, changes)
     assert '<!-- measured in May -->' in edited
-    assert override_values(load_tree(edited)) == override_values(with_overrides(text, changes))
+    assert values_of(load_tree(edited)) == values_of(with_overrides(text, changes))
     # the forearm keeps its section: its damping is no number of it
     assert edited.count('<section') == text.count('<section') > 0
     again = edited_description(edited, changes)

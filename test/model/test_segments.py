@@ -8,7 +8,7 @@ from segmented_robots import spatial_text, strip_text
 
 import denoc_ros as dn
 from denoc_ros.errors import ModelError
-from denoc_ros.model.override_values import override_values
+from denoc_ros.model.numbers import values_of
 from denoc_ros.model.segments import locate, segment_shapes, segment_torsion_shapes
 from denoc_ros.model.urdf import load_tree
 
@@ -139,7 +139,7 @@ def test_damping_ratio_is_that_of_the_link_s_first_mode() -> None:
 
 def test_overrides_are_of_the_whole_link() -> None:
     robot = dn.load_robot(strip_text(4).replace('modes="2"', 'modes="2" damping_ratio="0.02"'))
-    values = override_values(robot.tree)
+    values = values_of(robot.tree)
     assert [path for path in values if path.startswith('beam.')] == [
         'beam.strip.y.ei',
         'beam.strip.y.damping',

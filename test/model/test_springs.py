@@ -6,7 +6,7 @@ import pytest
 from small_robots import block, joint, link, robot
 
 from denoc_ros.errors import ConfigError, ModelError
-from denoc_ros.model.override_values import override_values
+from denoc_ros.model.numbers import values_of
 from denoc_ros.model.overrides import with_overrides
 from denoc_ros.model.tree import Spring
 
@@ -79,7 +79,7 @@ def test_a_spring_without_a_rotor_is_warned_of() -> None:
 
 def test_overrides_reach_springs() -> None:
     tree = robot(*LINKS, *JOINTS, block(GOOD, ROTORS))
-    values = override_values(tree)
+    values = values_of(tree)
     assert values['joint.elbow.stiffness'] == 1.2e4
     assert values['joint.elbow.spring_damping'] == 8.0
     assert values['joint.elbow.backlash'] == 0.0

@@ -13,7 +13,7 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 import denoc_ros as dn
 from denoc_ros.control.driven_joints import all_joints
 from denoc_ros.dynamics.equilibrium import Equilibrium
-from denoc_ros.dynamics.held_base import held_robot
+from denoc_ros.dynamics.reacting_base import held_robot
 from denoc_ros.nodes.shaper import ShaperNode
 
 pytestmark = pytest.mark.ros

@@ -16,7 +16,7 @@ from simulated_bags import SimulatedBag
 from denoc_ros.bags.definitions import encode
 from denoc_ros.bags.joint_state import FIELDS, JOINT_STATE, JointStateMessage
 from denoc_ros.bags.reader import bag_contents, read_description, read_raw
-from denoc_ros.bags.series import read_joint_states
+from denoc_ros.bags.series import Series, read_joint_states
 from denoc_ros.bags.writer import BagWriter
 from denoc_ros.dynamics.robot import load_robot
 from denoc_ros.errors import BagError, ConfigError
@@ -25,7 +25,7 @@ from denoc_ros.estimation.torque_along import TorqueReplay
 from denoc_ros.replay import stream as stream_module
 from denoc_ros.replay.bag import replay_bag
 from denoc_ros.replay.settings import ReplaySettings, plan_replay
-from denoc_ros.replay.stream import Block, JointStream, Source, Values
+from denoc_ros.replay.stream import Block, JointStream, Source
 from denoc_ros.replay.summary import summarize
 from denoc_ros.types import Array
 
@@ -183,10 +183,12 @@ def collected(stream: JointStream) -> Block:
         *(whole(name, lambda block: block.motion) for name in ('q', 'qd', 'qdd'))
     )
     beside = {
-        topic: Values(
-            values.names, np.concatenate([block.beside[topic].values for block in blocks])
+        topic: Series(
+            np.concatenate([block.beside[topic].t for block in blocks]),
+            series.names,
+            np.concatenate([block.beside[topic].values for block in blocks]),
         )
-        for topic, values in blocks[0].beside.items()
+        for topic, series in blocks[0].beside.items()
     }
     return Block(motion=motion, beside=beside, **rows)
 

@@ -11,14 +11,18 @@ from simulated_bags import swing
 
 import denoc_ros as dn
 from denoc_ros.bags.joint_state import JOINT_STATE
-from denoc_ros.bags.readings import ODOMETRY, read_odometry
-from denoc_ros.bags.series import read_joint_states
+from denoc_ros.bags.series import (
+    ODOMETRY,
+    ODOMETRY_NUMBERS,
+    read_joint_states,
+    read_numbers,
+)
 from denoc_ros.bags.writer import BagWriter
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.errors import BagError, StateError
 from denoc_ros.replay.settings import ReplaySettings
 from denoc_ros.simulation.bag import write_run
-from denoc_ros.simulation.run import Run
+from denoc_ros.simulation.simulate import Run
 
 STEP = 5e-3
 GRAVITY = (0.0, 0.0, -9.81)  # all falls: it does not matter
@@ -62,7 +66,8 @@ def test_a_floating_robot_is_replayed_on_its_recorded_base(tmp_path: Path, run: 
 def test_odometry_is_that_of_the_base_link(tmp_path: Path, run: Run) -> None:
     robot, bag = afloat(), tmp_path / 'run.mcap'
     write_run(run, robot, bag)
-    stamps, poses, twists = read_odometry(bag, 'base_motion')
+    stamps, moved = read_numbers(bag, 'base_motion', ODOMETRY_NUMBERS)
+    poses, twists = moved[:, :7], moved[:, 7:]
     np.testing.assert_allclose(1e-9 * stamps, run.t, atol=1e-9)
     for k in (0, 200, 399):
         pose = robot.frame_pose('base', run.q[k])

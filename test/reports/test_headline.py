@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from denoc_ros.bags.series import Diagnostic
+from denoc_ros.bags.run import Diagnostic
+from denoc_ros.bags.series import Series
 from denoc_ros.reports import headline, sections, tip
 from denoc_ros.reports.loop_timing import warnings
 from denoc_ros.reports.measures import Deflection, PhaseMeasures, summarize
-from denoc_ros.reports.recording import Series
 from denoc_ros.reports.sections import Units
 from denoc_ros.reports.summary import summary_lines
 

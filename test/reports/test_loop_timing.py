@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from denoc_ros.bags.series import Diagnostic
+from denoc_ros.bags.run import Diagnostic
 from denoc_ros.reports.loop_timing import SECOND, loop_measures
 
 # what a node counts at each second: ticks, late ones, deadlines passed over; then from zero on

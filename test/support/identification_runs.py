@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.stepper import Stepper
-from denoc_ros.identification.model.recording import Recording
+from denoc_ros.identification.model.sources import Recording
 from denoc_ros.types import Array
 
 STEP = 0.005  # s between samples

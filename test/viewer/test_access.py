@@ -18,8 +18,7 @@ from websockets.sync.client import connect
 from websockets.typing import Origin, Subprotocol
 
 import denoc_ros as dn
-from denoc_ros.viewer.access import is_welcome
-from denoc_ros.viewer.page import Page
+from denoc_ros.viewer.page import Page, is_welcome
 from denoc_ros.viewer.snapshot import Snapshot
 
 

@@ -15,8 +15,7 @@ import denoc_ros as dn
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.rotations import rotations
 from denoc_ros.types import Array
-from denoc_ros.viewer.bending import Bending, BentLink, exaggerated, strain_colours
-from denoc_ros.viewer.cutting import cut_along
+from denoc_ros.viewer.bending import Bending, BentLink, cut_along, exaggerated, strain_colours
 from denoc_ros.viewer.outline import outlines
 
 ROBOTS = ('canadarm', 'ssrms', 'stanford_flexible', 'two_flexible_links', 'ur10', 'five_bar_ffff')

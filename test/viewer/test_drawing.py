@@ -12,15 +12,14 @@ import pytest
 import denoc_ros as dn
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.types import Array
+from denoc_ros.units import round_up
 from denoc_ros.viewer.bending import exaggerated, strain_colours
 from denoc_ros.viewer.charts import WINDOW, Charts, grouped
-from denoc_ros.viewer.modes import MOST_SAG, SWING, ModeShapes, settled
+from denoc_ros.viewer.folders import MOST_SAG, SWING, ModeShapes, settled, start_configuration
 from denoc_ros.viewer.outline import reach
 from denoc_ros.viewer.overlays import LONGEST, Arrows, Overlays
-from denoc_ros.viewer.posing import start_configuration
 from denoc_ros.viewer.snapshot import Snapshot
 from denoc_ros.viewer.surfaces import BANDS, Surfaces
-from denoc_ros.viewer.view import round_up
 
 
 class Recorder:

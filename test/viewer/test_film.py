@@ -17,11 +17,10 @@ from simulated_bags import SimulatedBag
 from denoc_ros.bags.writer import BagWriter
 from denoc_ros.dynamics.robot import load_robot
 from denoc_ros.errors import ConfigError, StateError
-from denoc_ros.viewer.camera import best_view
+from denoc_ros.units import round_up
 from denoc_ros.viewer.film import Look, frame_times, write_film, write_strip
-from denoc_ros.viewer.picture import nice_step
 from denoc_ros.viewer.recorded import RecordedRun
-from denoc_ros.viewer.scene_setup import SHOWN, SceneSetup
+from denoc_ros.viewer.scene_setup import SHOWN, SceneSetup, best_view
 
 SMALL = Look(size=(320, 240), scale=5.0)
 MOVED = 40  # of 255: more than what compression changes
@@ -248,7 +247,7 @@ def test_frame_times_fill_the_run() -> None:
 
 
 def test_grid_steps_are_round() -> None:
-    assert [nice_step(size) for size in (0.7, 1.0, 1.1, 3.0, 6.0, 0.013)] == pytest.approx(
+    assert [round_up(size) for size in (0.7, 1.0, 1.1, 3.0, 6.0, 0.013)] == pytest.approx(
         [1.0, 1.0, 2.0, 5.0, 10.0, 0.02]
     )
 

@@ -6,7 +6,7 @@ import numpy as np
 from base_robots import description, floating, spacecraft
 
 from denoc_ros.dynamics.robot import load_robot
-from denoc_ros.viewer.modes import ModeShapes
+from denoc_ros.viewer.folders import ModeShapes
 from denoc_ros.viewer.overlays import reactions_of
 from denoc_ros.viewer.snapshot import Snapshot
 

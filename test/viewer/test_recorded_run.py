@@ -10,10 +10,10 @@ import pytest
 from geared_arm import arm_text
 from simulated_bags import PERIOD, SimulatedBag, make_mechanism_bag
 
+from denoc_ros.bags import run as run_reading
 from denoc_ros.bags.writer import BagWriter
 from denoc_ros.dynamics.robot import load_robot
 from denoc_ros.errors import BagError
-from denoc_ros.viewer import thinned_topics
 from denoc_ros.viewer.recorded import RecordedRun
 
 JOINT_STATE = 'sensor_msgs/msg/JointState'
@@ -65,7 +65,7 @@ def test_thinning_leaves_out_moments_and_changes_none(simulated_bag: SimulatedBa
 def test_a_run_of_any_length_has_a_bounded_number_of_moments(
     simulated_bag: SimulatedBag, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(thinned_topics, 'MOST_ROWS', 30)
+    monkeypatch.setattr(run_reading, 'MOST_ROWS', 30)
     assert 25 <= len(RecordedRun(simulated_bag.path, simulated_bag.robot)) <= 31
 
 

@@ -8,15 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from denoc_ros.dynamics.constraints import mimic_ties
 from denoc_ros.dynamics.measured_side import MotorSide
-from denoc_ros.dynamics.mimic_joints import mimic_ties
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.stepper import Stepper
 from denoc_ros.errors import ConfigError
 from denoc_ros.identification.model.free_parameters import FreeParameters, SearchPoint
 from denoc_ros.identification.model.rest_series import MotionRows
 from denoc_ros.model.segments import whole_beams
-from denoc_ros.model.tree import JointKind
 from denoc_ros.types import Array
 
 WHERE = 'identify excite'
@@ -74,13 +73,8 @@ class Along:
         self._stepper = Stepper(robot.copy(), 1.0)
         self._motors = MotorSide(robot, self.joints)
         self.every_joint = tuple(robot.joint_names)
-        self.units = {
-            body.joint.name: ('m', 'N')
-            if body.joint.kind is JointKind.PRISMATIC
-            else ('rad', 'N m')
-            for body in robot.tree.bodies
-            if body.joint is not None
-        }
+        joints = robot.tree.joints.items()
+        self.units = {name: (joint.unit, joint.effort_unit) for name, joint in joints}
         self.links = tuple(beam.link for beam in whole_beams(robot.tree))
         self._tips = [robot.section(link) for link in self.links]
         self._free = np.setdiff1d(np.arange(robot.n), robot.joint_indices)

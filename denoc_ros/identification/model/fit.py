@@ -25,8 +25,13 @@ from denoc_ros.identification.model.information import (
     verdict_of,
 )
 from denoc_ros.identification.model.prediction import PreparedRun
-from denoc_ros.identification.model.recording import Recording, read_recording, reading_spreads
 from denoc_ros.identification.model.search import ModelSearch, is_stiffness, vector_of
+from denoc_ros.identification.model.sources import (
+    Recording,
+    RecordingSettings,
+    read_source,
+    reading_spreads,
+)
 from denoc_ros.model.tree import RigidInertia
 from denoc_ros.types import Array
 
@@ -168,9 +173,8 @@ def identify_model(
     robot = measured_robot(robot.with_modelled_payloads())
     if not given:
         raise IdentificationError('identify model: recordings must be given, got none')
-    whole = [
-        r if isinstance(r, Recording) else read_recording(r, robot, poses=poses) for r in given
-    ]
+    settings = RecordingSettings(poses=poses or {})
+    whole = [r if isinstance(r, Recording) else read_source(r, robot, settings) for r in given]
     whole = _named_apart(whole)
     began = time.perf_counter()
     found = _fitted(_search(robot, whole, free, cutoff, step), held_out)

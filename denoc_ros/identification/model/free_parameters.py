@@ -13,14 +13,15 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
-from fnmatch import fnmatchcase
 
 import numpy as np
 from numpy.typing import NDArray
 
+from denoc_ros.dynamics.parameter_columns import INERTIAL
 from denoc_ros.dynamics.robot import Robot
+from denoc_ros.dynamics.robot_model import with_numbers_of
 from denoc_ros.errors import ConfigError
-from denoc_ros.identification.model.free_numbers import LEVER, free_numbers, payload_of
+from denoc_ros.model.arrays import inertia_row
 from denoc_ros.model.inertia import (
     difference,
     inverse_transform,
@@ -29,21 +30,171 @@ from denoc_ros.model.inertia import (
     total,
 )
 from denoc_ros.model.link_side import motors_behind
+from denoc_ros.model.numbers import match, some_of, values_of
+from denoc_ros.model.payloads import carrying_links, payloads_of
 from denoc_ros.model.tree import Body, RigidInertia
 from denoc_ros.types import Array
+
+SMALL_RATIO = 0.01  # what a damping ratio that is 0 changes by
+SMALL_FRICTION = 0.02  # the same of friction, of the joint's largest torque
+OFFSET = 0.1  # of effort, of its largest
+PAYLOAD = 0.1  # of the robot's mass: a payload's where the model has none, at most 1 kg
+LEVER = 0.1  # m, of a payload's centre of mass
+DELAY = 0.01  # s
+INERTIAL_OFFSET = {'gyro': 0.1, 'accel': 1.0}  # rad/s, m/s^2: of sensors that were not recorded
+POSE_OFFSET = 0.1  # m or rad, between a tracker's axes and the robot's
+POSE_PARTS = ('x', 'y', 'z', 'rx', 'ry', 'rz')
+
+
+@dataclass(frozen=True)
+class FreeNumber:
+    """A number that may be free.
+
+    Attributes
+    ----------
+    path : str
+    value : float
+        As the robot has it.
+    scale : float
+        What it changes by per theta; of a positive one the least size that counts.
+    positive : bool
+        It is value times exp(theta).
+    run : str
+        The recording whose number it is; '': all of them share it.
+    """
+
+    path: str
+    value: float
+    scale: float
+    positive: bool
+    run: str = ''
+
+    @property
+    def shared_path(self) -> str:
+        """The path without the recording."""
+        return self.path.removesuffix(f'[{self.run}]') if self.run else self.path
+
+    def in_run(self, run: str) -> FreeNumber:
+        """Return the same number of one recording: `effort.joint_1.offset[monday.mcap]`."""
+        return replace(self, path=f'{self.path}[{run}]', run=run)
+
+    def at(self, theta: float) -> float:
+        """Return the number at a coordinate of the search."""
+        if self.positive:
+            return float(self.value * np.exp(theta))
+        return float(self.value + self.scale * theta)
+
+
+def free_numbers(
+    robot: Robot, efforts: Mapping[str, float], spreads: Mapping[str, float]
+) -> list[FreeNumber]:
+    """Return every number of a robot that may be free.
+
+    Parameters
+    ----------
+    robot : Robot
+    efforts : dict of str to float
+        The largest measured torque of each joint.
+    spreads : dict of str to float
+        By how much the value of each sensor was measured to vary, by its name.
+    """
+    found: list[FreeNumber] = []
+    for path, value in values_of(robot.tree).items():
+        found.extend(_of_model(path, float(np.ravel(np.asarray(value))[0]), efforts, spreads))
+    for joint in robot.tree.joints:
+        found.append(FreeNumber(f'effort.{joint}.gain', 1.0, 0.0, True))
+        scale = OFFSET * efforts.get(joint, 1.0)
+        found.append(FreeNumber(f'effort.{joint}.offset', 0.0, scale, False))
+    for link in carrying_links(robot.tree):
+        mass, centre = payload_of(robot, link)
+        found.append(_positive(f'payload.{link}.mass', mass, _payload_scale(robot)))
+        found.extend(
+            FreeNumber(f'payload.{link}.com.{axis}', float(value), LEVER, False)
+            for axis, value in zip('xyz', centre, strict=True)
+        )
+    found.extend(_of_channels(robot, spreads))
+    return found
+
+
+def _of_channels(robot: Robot, spreads: Mapping[str, float]) -> Iterator[FreeNumber]:
+    """Yield parameters of the sensors: delays, axes, biases."""
+    for sensor in robot.tree.sensors:
+        yield FreeNumber(f'delay.{sensor.name}', 0.0, DELAY, False)
+    yield FreeNumber('delay.effort', 0.0, DELAY, False)
+    for inertial in robot.tree.inertial_sensors:
+        yield FreeNumber(f'delay.{inertial.name}', 0.0, DELAY, False)
+        for part in inertial.parts:
+            usual = INERTIAL_OFFSET[part.partition('_')[0]]
+            spread = spreads.get(f'{inertial.name}/{part}', usual)
+            yield FreeNumber(f'sensor.{inertial.name}.gain.{part}', 1.0, 0.0, True)
+            yield FreeNumber(f'sensor.{inertial.name}.offset.{part}', 0.0, spread or usual, False)
+    for frame in robot.tree.frames:
+        yield FreeNumber(f'delay.pose.{frame}', 0.0, DELAY, False)
+        for part in POSE_PARTS:
+            yield FreeNumber(f'pose.{frame}.offset.{part}', 0.0, POSE_OFFSET, False)
+
+
+def _of_model(
+    path: str, value: float, efforts: Mapping[str, float], spreads: Mapping[str, float]
+) -> list[FreeNumber]:
+    """Return the number of a path of the model; none where it is no number to be identified."""
+    kind, _, rest = path.partition('.')
+    name, _, term = rest.rpartition('.')
+    if kind == 'beam':
+        return [_positive(path, value, 0.0 if term in ('ei', 'gj') else SMALL_RATIO)]
+    if kind == 'flexible':
+        return [_positive(path, value, 0.0 if term == 'stiffness' else SMALL_RATIO)]
+    if kind == 'joint' and term == 'stiffness':
+        return [FreeNumber(path, value, 0.0, True)]
+    if kind == 'joint' and (value > 0.0 or term in ('damping', 'friction', 'armature')):
+        return [_positive(path, value, SMALL_FRICTION * efforts.get(name, 1.0))]
+    if kind == 'sensor' and term == 'gain':
+        return [FreeNumber(path, value, 0.0, True)]
+    if kind == 'sensor' and term == 'offset':
+        return [FreeNumber(path, value, spreads.get(name, 0.0) or abs(value) or 1.0, False)]
+    return []
+
+
+def _positive(path: str, value: float, scale: float) -> FreeNumber:
+    """Return a number that must not be negative; one that is 0 starts from its scale's share."""
+    return FreeNumber(path, value if value > 0.0 else scale, scale, True)
+
+
+def _payload_scale(robot: Robot) -> float:
+    """Return the least mass of a payload that counts [kg]."""
+    beams = [body.beam for body in robot.tree.bodies if body.beam is not None]
+    mass = sum(body.inertia.mass for body in robot.tree.bodies)
+    mass += sum(beam.mass_per_length * beam.length for beam in beams)
+    mass += sum(body.modes.link.mass for body in robot.tree.bodies if body.modes is not None)
+    return min(1.0, PAYLOAD * mass) or 1.0
+
+
+def unit_of(path: str) -> str:
+    """Return the unit of a number that may have any sign, '' of a sensor's own."""
+    kind, _, rest = path.partition('[')[0].partition('.')
+    if kind == 'link':
+        return 'kg m' if '.first_moment.' in rest else 'kg m^2'
+    if kind == 'pose':
+        return 'rad' if rest.rpartition('.')[2] in ('rx', 'ry', 'rz') else 'm'
+    if kind == 'sensor':
+        part = rest.rpartition('.')[2].partition('_')[0]
+        return {'gyro': 'rad/s', 'accel': 'm/s^2'}.get(part, '')
+    return {'delay': 's', 'effort': 'N m or N', 'payload': 'm'}.get(kind, '')
+
+
+def payload_of(robot: Robot, link: str) -> tuple[float, Array]:
+    """Return mass and centre of mass (3,) of the payload that the model has on a link."""
+    found = payloads_of(robot.tree.overrides, robot.tree).get(link)
+    return (0.0, np.zeros(3)) if found is None else (found.mass, found.com)
+
 
 WHERE = 'identify model'
 # deviation of theta before anything is measured: a factor of e^(+-1) covers what is guessed badly
 PRIOR = 0.5
 KINDS = ('beam.', 'joint.', 'payload.', 'link.', 'sensor.', 'effort.', 'pose.', 'delay.')
-SHOWN = 12  # paths in a message
 ROUNDING = 1e-9  # of a pseudo-inertia: what arithmetic leaves of an exact zero
 STEP = 1e-6  # of theta, for derivatives of numbers
 SMALLEST = 1e-6  # of a body's pseudo-inertia: point masses and flat plates get so much
-INERTIAL = (
-    'mass', 'first_moment.x', 'first_moment.y', 'first_moment.z',
-    'inertia.ixx', 'inertia.ixy', 'inertia.ixz', 'inertia.iyy', 'inertia.iyz', 'inertia.izz',
-)  # fmt: skip
 UPPER = np.triu_indices(4)
 # what drifts: each recording has its own
 DRIFTING = re.compile(r'(effort|sensor)\..+\.offset(\.(gyro|accel)_[xyz])?')
@@ -125,10 +276,7 @@ class InertialBlock:
 
     def numbers(self, theta: Array) -> Array:
         """Return the ten numbers about the link frame's origin (10,)."""
-        about = self._about_link(theta)
-        return np.concatenate(
-            [[about.mass], about.first_moment, about.inertia[np.triu_indices(3)]]
-        )
+        return inertia_row(self._about_link(theta), np.eye(3))
 
     def _about_link(self, theta: Array) -> RigidInertia:
         triangle = np.zeros((4, 4))
@@ -370,18 +518,15 @@ class FreeParameters:
         overrides = self.overrides(settings)
         robot = self.robot.with_overrides(overrides) if overrides else self.robot
         if not settings.bodies:
-            return robot
+            return robot.copy() if robot is self.robot else robot
         bodies = []
         for body, own in zip(robot.tree.bodies, self.robot.tree.bodies, strict=True):
             if (found := settings.bodies.get(body.name)) is not None:
                 # a payload of the point stays on it
                 added = difference(body.inertia, own.inertia)
-                body = replace(body, inertia=total(found, added))
+                body = replace(body, inertia=total(found, added), unloaded=body.unloaded and found)
             bodies.append(body)
-        tree = replace(robot.tree, bodies=tuple(bodies))
-        made = type(robot)(tree, robot.gravity, robot.geometric_stiffness)
-        made.move_base(robot.base_motion)
-        return made
+        return with_numbers_of(robot, replace(robot.tree, bodies=tuple(bodies)))
 
 
 def _hidden(robot: Robot, paths: Iterable[str]) -> set[str]:
@@ -401,20 +546,14 @@ def _chosen(free: Sequence[str], known: Sequence[str], hidden: Set[str]) -> list
     for pattern in free:
         several = pattern.startswith(('payload.', 'sensor.', 'pose.'))
         given = f'{pattern}.*' if several else pattern
-        matched = [
-            path
-            for path in known
-            if path == pattern or fnmatchcase(path, pattern) or fnmatchcase(path, given)
-        ]
-        if not matched and any(fnmatchcase(path, pattern) for path in hidden):
+        matched = match(known, pattern, given)
+        if not matched and match(hidden, pattern):
             findings.append(
                 f'--free {pattern!r} must be of what joint states show; got a motor or spring of '
                 'a joint that is measured on the link side (measured="link")'
             )
         elif not matched:
-            kind = pattern.partition('.')[0]
-            alike = [path for path in known if path.startswith(f'{kind}.')]
-            shown = ', '.join(alike[:SHOWN] or KINDS) + (', ...' if len(alike) > SHOWN else '')
+            shown = some_of(known, pattern, KINDS)
             findings.append(f'--free {pattern!r} must be of one of {shown}; got none')
         chosen.update(dict.fromkeys(matched))
     if not free:

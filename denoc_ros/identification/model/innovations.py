@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from denoc_ros.identification.model.nearby_motion import NearbyMotion
 from denoc_ros.kernels.compiled import ready
-from denoc_ros.kernels.time_varying import filter_gains, filter_values
+from denoc_ros.kernels.kalman import filter_gains, filter_values
 from denoc_ros.types import Array
 
 Int = NDArray[np.int64]

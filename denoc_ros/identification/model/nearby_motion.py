@@ -7,11 +7,11 @@ from collections.abc import Sequence
 import numpy as np
 import scipy.linalg
 
-from denoc_ros.dynamics.mimic_joints import mimic_ties
+from denoc_ros.dynamics.constraints import mimic_ties
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.kernels.compiled import ready
 from denoc_ros.kernels.inverse_derivatives import inverse_dynamics_derivatives
-from denoc_ros.kernels.time_varying import linear_states
+from denoc_ros.kernels.kalman import linear_states
 from denoc_ros.types import Array, Flags
 
 Motion = tuple[Array, Array]

@@ -14,17 +14,17 @@ from scipy.interpolate import CubicSpline
 
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import IdentificationError
-from denoc_ros.estimation.joint_friction import JointFriction
 from denoc_ros.estimation.joint_motion import SmoothedMotion, stretch_starts
 from denoc_ros.estimation.torque_along import TorqueReplay
 from denoc_ros.identification.model.free_parameters import SearchPoint
 from denoc_ros.identification.model.innovations import LinkedRows, linked_rows
 from denoc_ros.identification.model.measured_motion import FINEST, measured_motion
 from denoc_ros.identification.model.nearby_motion import NearbyMotion
-from denoc_ros.identification.model.recording import Recording
 from denoc_ros.identification.model.robust import noise_of
 from denoc_ros.identification.model.sensed import MeasuredSignal, SensedChannels
+from denoc_ros.identification.model.sources import Recording
 from denoc_ros.identification.model.spikes import without_spikes
+from denoc_ros.model.friction import Friction
 from denoc_ros.types import Array
 
 PER_CUTOFF = 4.0  # samples of a smoothed channel that are kept, per period of the cutoff
@@ -73,7 +73,7 @@ class PreparedRun:
         self.channels = [
             MeasuredSignal(
                 f'effort {recording.joints[k]}',
-                _unit(robot, recording.joints[k]),
+                robot.tree.joints[recording.joints[k]].effort_unit,
                 t[self._kept],
                 self._effort[self._kept, column],
                 float(
@@ -268,7 +268,7 @@ class PreparedRun:
                 ('armature', robot.armature[index]),
             )
         )
-        added = JointFriction(viscous, coulomb, 0.0 * viscous).torque(states[1][:, index])
+        added = Friction(viscous, coulomb).force(states[1][:, index])
         torque: Array = added + armature * states[2][:, index]
         return torque
 
@@ -320,8 +320,3 @@ def delayed_with(channel: str) -> str:
         return 'effort'
     name = channel.partition('/')[0]
     return f'pose.{name.removeprefix("pose ")}' if name.startswith('pose ') else name
-
-
-def _unit(robot: Robot, joint: str) -> str:
-    kinds = {body.joint.name: body.joint.kind.name for body in robot.tree.bodies if body.joint}
-    return 'N' if kinds.get(joint) == 'PRISMATIC' else 'N m'

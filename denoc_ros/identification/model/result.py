@@ -12,7 +12,7 @@ from lxml import etree
 
 from denoc_ros.errors import IdentificationError
 from denoc_ros.identification.model.fit import IdentifiedModel
-from denoc_ros.identification.model.free_numbers import unit_of
+from denoc_ros.identification.model.free_parameters import unit_of
 from denoc_ros.identification.model.information import NOT_TOLD
 from denoc_ros.identification.modes import DOUBTFUL, GOOD, NOT_IDENTIFIABLE, worst
 from denoc_ros.model.findings import Findings

@@ -12,9 +12,8 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 from denoc_ros.dynamics.robot import Robot
-from denoc_ros.identification.model.free_numbers import POSE_PARTS
-from denoc_ros.identification.model.free_parameters import SearchPoint
-from denoc_ros.identification.model.recording import Recording
+from denoc_ros.identification.model.free_parameters import POSE_PARTS, SearchPoint
+from denoc_ros.identification.model.sources import Recording
 from denoc_ros.identification.model.spikes import without_spikes
 from denoc_ros.types import Array
 

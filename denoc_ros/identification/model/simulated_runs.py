@@ -9,7 +9,6 @@ import numpy as np
 
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import DenocError
-from denoc_ros.identification.model.candidates import Candidates
 from denoc_ros.identification.model.free_parameters import FreeParameters, SearchPoint
 from denoc_ros.identification.model.nearby_motion import Motion, NearbyMotion
 from denoc_ros.identification.model.prediction import PreparedRun
@@ -38,7 +37,6 @@ class SimulatedRuns:
 
     def __init__(self, runs: Sequence[PreparedRun], parameters: FreeParameters) -> None:
         self.parameters, self._runs = parameters, runs
-        self._candidates = Candidates(parameters)
         edges = np.cumsum([0, *(sum(len(c.t) for c in run.channels) for run in runs)])
         self._rows = [slice(int(a), int(b)) for a, b in pairwise(edges)]
         self._count = int(edges[-1])
@@ -79,7 +77,7 @@ class SimulatedRuns:
         key = (self.until, repr(own.overrides), *(_bytes(body) for body in own.bodies.values()))
         if self._motions is None or self._motions[0] != key:
             self.evaluations += 1
-            robot = self._candidates.at(own)
+            robot = self.parameters.robot_at(own)
             self._motions = key, robot, [run.motion(robot, self.until) for run in self._runs]
         return self._motions[1:]
 
@@ -136,7 +134,7 @@ class SimulatedRuns:
             moved, those = robot, motions
             if of_robot[k]:
                 moving = SearchPoint(overrides=self.parameters.moving(point), bodies=point.bodies)
-                moved = self._candidates.at(moving)
+                moved = self.parameters.robot_at(moving)
                 those = motions_of(moved)
             own = self.parameters.runs[k]
             found[:, column] = 0.0

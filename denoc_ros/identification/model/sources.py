@@ -1,4 +1,4 @@
-"""Recordings out of bags and tables: names, windows, and filters that sensors stand behind."""
+"""Recordings: joints, effort and sensors of a run by one clock, out of bags and tables."""
 
 from __future__ import annotations
 
@@ -8,20 +8,119 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
+from scipy.signal import cont2discrete, lfilter, lfilter_zi
 
-from denoc_ros.bags.joint_state import FIELDS
-from denoc_ros.bags.reader import Stamp
+from denoc_ros.bags.joint_table import TableTimes, joints_of_table, require_rows
+from denoc_ros.bags.reader import Stamp, bag_topics
+from denoc_ros.bags.series import (
+    INERTIAL_NUMBERS,
+    POSE_NUMBERS,
+    JointSeries,
+    elapsed,
+    read_joint_states,
+    read_numbers,
+    read_readings,
+    resolved,
+)
+from denoc_ros.bags.tables import Table, is_table, read_table
 from denoc_ros.dynamics.robot import Robot
-from denoc_ros.errors import BagError
-from denoc_ros.identification.channel import Channel, is_table, table_times
-from denoc_ros.identification.joint_columns import joint_columns
-from denoc_ros.identification.model.recording import Recording, read_recording
-from denoc_ros.identification.model.sensor_filter import SensorFilter
-from denoc_ros.identification.tables import read_table
-from denoc_ros.types import Array
+from denoc_ros.errors import BagError, IdentificationError
+from denoc_ros.model.tree import INERTIAL_PARTS
+from denoc_ros.types import Array, Stamps
 
+FEWEST = 50  # joint states of a recording
 SENSOR = 'sensor.'
+
+Readings = dict[str, tuple[Array, Array]]
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """One run.
+
+    Parameters
+    ----------
+    t : (k,) array
+        Stamps of the joint states [s], rising.
+    joints : tuple of str
+    position : (k, joints) array
+        [rad, m], finite.
+    effort : (k, joints) array
+        [N m, N]; NaN where a joint's was not measured.
+    velocity : (k, joints) array, optional
+        [rad/s, m/s]
+    sensors : dict of str to ((m,) array, array), optional
+        By the sensor's name: stamps on the same clock [s] and raw readings, (m,) of a sensor on a
+        beam, (m, 6) of an IMU, (m, 3) of an accelerometer.
+    filters : dict of str to SensorFilter, optional
+        By the sensor's name: what its readings have passed; the prediction passes it, too.
+    poses : dict of str to ((m,) array, (m, 7) array), optional
+        By the frame's name: stamps [s], and positions [m] with quaternions x, y, z, w of a
+        tracker, whose axes are those of the robot's base but for a small offset.
+    name : str
+        What messages call it.
+
+    Raises
+    ------
+    IdentificationError
+        Shapes differ, stamps do not rise, positions are not finite, or there are too few.
+    """
+
+    t: Array
+    joints: tuple[str, ...]
+    position: Array
+    effort: Array
+    velocity: Array | None = None
+    sensors: Mapping[str, tuple[Array, Array]] = field(default_factory=dict)
+    name: str = 'recording'
+    filters: Mapping[str, SensorFilter] = field(default_factory=dict)
+    poses: Mapping[str, tuple[Array, Array]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        k = len(self.t)
+        if k < FEWEST:
+            raise IdentificationError(
+                f'{self.name}: must have at least {FEWEST} joint states, got {k}'
+            )
+        for what in ('position', 'effort', 'velocity'):
+            values = getattr(self, what)
+            if values is not None and np.shape(values) != (k, len(self.joints)):
+                raise IdentificationError(
+                    f'{self.name}: {what} must have shape {(k, len(self.joints))}, '
+                    f'got {np.shape(values)}'
+                )
+        if not (np.diff(self.t) > 0.0).all():
+            raise IdentificationError(f'{self.name}: stamps must rise, got some that do not')
+        if not np.isfinite(self.position).all():
+            raise IdentificationError(
+                f'{self.name}: positions must be finite, got some that are not'
+            )
+        for name, (stamps, values) in (*self.sensors.items(), *self.poses.items()):
+            shapes = [(len(stamps), 7)] if name in self.poses else _shapes(len(stamps))
+            if np.shape(values) not in shapes:
+                raise IdentificationError(
+                    f'{self.name}: {name}: readings must have shape '
+                    f'{" or ".join(map(str, shapes))}, got {np.shape(values)}'
+                )
+
+
+PARTS = {len(parts): parts for parts in INERTIAL_PARTS.values()}
+
+
+def reading_spreads(recording: Recording) -> dict[str, float]:
+    """Return by how much raw readings vary, by the name of each of a sensor's values."""
+    found = {}
+    for name, (_, raw) in recording.sensors.items():
+        columns = (raw[:, None] if raw.ndim == 1 else raw).T
+        parts = [''] if raw.ndim == 1 else [f'/{part}' for part in PARTS[raw.shape[1]]]
+        for part, column in zip(parts, columns, strict=True):
+            found[f'{name}{part}'] = float(np.std(column)) if len(column) else 0.0
+    return found
+
+
+def _shapes(count: int) -> list[tuple[int, ...]]:
+    """Return the shapes that readings of a sensor may have."""
+    return [(count,), *((count, parts) for parts in sorted(PARTS))]
 
 
 @dataclass(frozen=True)
@@ -38,8 +137,8 @@ class RecordingSettings:
         Beginnings of joint names in a bag and what they are in the robot.
     columns : mapping of str to str
         Of a table: `joint.field` or `sensor.name` to a column, whatever its name.
-    times : Channel
-        Of a table: whose `time`, `time_unit` and `rate` say how times are read.
+    times : TableTimes
+        Of a table: how times are read.
     begin, end : float
         The window [s], from the first joint state on.
     filters : mapping of str to SensorFilter
@@ -55,7 +154,7 @@ class RecordingSettings:
     stamp: Stamp = 'header'
     rename: Mapping[str, str] = field(default_factory=dict)
     columns: Mapping[str, str] = field(default_factory=dict)
-    times: Channel = field(default_factory=Channel)
+    times: TableTimes = field(default_factory=TableTimes)
     begin: float = 0.0
     end: float = math.inf
     filters: Mapping[str, SensorFilter] = field(default_factory=dict)
@@ -63,7 +162,9 @@ class RecordingSettings:
     torque_constants: Mapping[str, float] = field(default_factory=dict)
 
 
-def read_source(path: str | Path, robot: Robot, settings: RecordingSettings) -> Recording:
+def read_source(
+    path: str | Path, robot: Robot, settings: RecordingSettings | None = None
+) -> Recording:
     """Read a robot's joints and sensors from a bag or a table.
 
     Parameters
@@ -71,8 +172,8 @@ def read_source(path: str | Path, robot: Robot, settings: RecordingSettings) -> 
     path : str or Path
         What `read_bag` or `read_table` reads.
     robot : Robot
-        Its joints and its sensors.
-    settings : RecordingSettings
+        Its joints, and the topics of its sensors.
+    settings : RecordingSettings, optional
         How.
 
     Raises
@@ -80,7 +181,7 @@ def read_source(path: str | Path, robot: Robot, settings: RecordingSettings) -> 
     BagError, IdentificationError
         It cannot be read, has too little, or names that are not there.
     """
-    path = Path(path)
+    path, settings = Path(path), settings or RecordingSettings()
     if is_table(path):
         if settings.poses:
             raise BagError(f'{path}: --pose must come with a bag, got a table')
@@ -88,9 +189,7 @@ def read_source(path: str | Path, robot: Robot, settings: RecordingSettings) -> 
     elif settings.columns:
         raise BagError(f'{path}: --column must come with a table, got a bag')
     else:
-        whole = read_recording(
-            path, robot, settings.topic, settings.stamp, settings.rename, settings.poses
-        )
+        whole = _of_bag(path, robot, settings)
     known = [sensor.name for sensor in robot.tree.sensors]
     if unknown := sorted(set(settings.filters) - set(known)):
         raise BagError(
@@ -101,66 +200,97 @@ def read_source(path: str | Path, robot: Robot, settings: RecordingSettings) -> 
     return replace(_window(whole, settings.begin, settings.end), filters=settings.filters)
 
 
-def _with_torque_constants(
-    path: Path, whole: Recording, constants: Mapping[str, float]
-) -> Recording:
-    """Return a recording whose currents [A] have become effort."""
-    if unknown := sorted(set(constants) - set(whole.joints)):
-        raise BagError(
-            f'{path}: --torque-constant must be of a recorded joint ({", ".join(whole.joints)}), '
-            f'got {", ".join(unknown)}'
+def _recording(path: Path, series: JointSeries, sensors: Readings, poses: Readings) -> Recording:
+    """Return the rows whose stamps rise and that have all positions."""
+    whole = series.rising().complete()
+    return Recording(
+        whole.t,
+        whole.names,
+        whole.position,
+        whole.effort,
+        whole.velocity if np.isfinite(whole.velocity).all() else None,
+        sensors,
+        path.name,
+        poses=poses,
+    )
+
+
+def _of_bag(path: Path, robot: Robot, settings: RecordingSettings) -> Recording:
+    topic = settings.topic
+    series = read_joint_states(path, topic, None, settings.stamp).renamed(settings.rename)
+    known = [name for name in series.names if name in robot.joint_names]
+    if not known:
+        raise IdentificationError(
+            f'{path}: {topic} must have joints of the robot ({", ".join(robot.joint_names)}), '
+            f'got {", ".join(series.names) or "none"}'
         )
-    factors = np.array([constants.get(joint, 1.0) for joint in whole.joints])
-    if not (np.isfinite(factors) & (factors != 0.0)).all():
-        raise BagError(
-            f'{path}: --torque-constant must be finite and not 0 N m/A, got {dict(constants)}'
-        )
-    return replace(whole, effort=whole.effort * factors)
+    origin = int(series.stamp_ns[0]) if len(series.t) else 0
+    sensors, poses = _sensors(path, robot, origin), _poses(path, robot, origin, settings.poses)
+    return _recording(path, series.select(known), sensors, poses)
 
 
 def _of_table(path: Path, robot: Robot, settings: RecordingSettings) -> Recording:
     given = read_table(path)
-    sensors = _sensor_columns(path, given, robot, settings.columns)
+    columns = _sensor_columns(path, given, robot, settings.columns)
     named = {k: c for k, c in settings.columns.items() if not k.startswith(SENSOR)}
-    found = joint_columns(path, given, robot.joint_names, named)
-    names = [joint for joint in robot.joint_names if (joint, 'position') in found]
-    if not names:
-        raise BagError(
-            f'{path}: table must have the position of a joint (columns such as '
-            f"'{robot.joint_names[0]}/position', or named by --column), "
-            f'got {", ".join(list(given)[:20])}'
-        )
-    rows = len(given[found[names[0], 'position']])
-    _, _, t = table_times(path, given, settings.times, rows)
-    used = {column: given[column] for column in (*found.values(), *sensors.values())}
-    for column, values in used.items():
-        if len(values) != len(t):
-            raise BagError(
-                f'{path}: {column} must have as many values as there are times ({len(t)}), '
-                f'got {len(values)}'
+    series = joints_of_table(path, given, robot.joint_names, named, settings.times)
+    require_rows(path, given, columns.values(), series.t)
+    rows = np.flatnonzero(np.isfinite(series.t))
+    rows = rows[series[rows].rises()]
+    sensors = {}
+    for name, column in columns.items():
+        raw = given[column][rows]
+        whole = np.isfinite(raw)
+        sensors[name] = (series.t[rows][whole], raw[whole])
+    return _recording(path, series[rows], sensors, {})
+
+
+def _sensors(path: str | Path, robot: Robot, origin_ns: int) -> Readings:
+    """Return stamps [s] and readings of the sensors whose topics are in the bag."""
+    found = {}
+    topics = bag_topics(path)
+    for sensor in robot.tree.sensors:
+        if not sensor.topic or resolved(sensor.topic, topics) not in topics:
+            continue
+        stamp_ns, raw = read_readings(path, sensor.topic, sensor.name, sensor.field)
+        t, values = _on_clock(stamp_ns, raw[:, None], origin_ns)
+        found[sensor.name] = (t, values[:, 0])
+    for inertial in robot.tree.inertial_sensors:
+        if inertial.topic and resolved(inertial.topic, topics) in topics:
+            stamp_ns, values = read_numbers(path, inertial.topic, INERTIAL_NUMBERS)
+            count = len(inertial.parts)
+            if values.shape[1:] != (count,):
+                raise IdentificationError(
+                    f'{path}: {inertial.topic} must have the {count} values of sensor '
+                    f'{inertial.name!r}, got {values.shape[1:]}'
+                )
+            found[inertial.name] = _on_clock(stamp_ns, values, origin_ns)
+    return found
+
+
+def _poses(path: str | Path, robot: Robot, origin_ns: int, topics: Mapping[str, str]) -> Readings:
+    """Return stamps [s] and poses (m, 7) by frame."""
+    found = {}
+    for topic, frame in topics.items():
+        if frame not in robot.tree.frames:
+            raise IdentificationError(
+                f'--pose {topic}={frame} must name a frame of the robot '
+                f'({", ".join(robot.tree.frames)}), got {frame!r}'
             )
-    missing = np.full(len(t), np.nan)
-    states = {
-        what: np.column_stack(
-            [used[found[name, what]] if (name, what) in found else missing for name in names]
-        )
-        for what in FIELDS
-    }
-    whole = _rising(t) & np.isfinite(states['position']).all(axis=1)
-    velocity = states['velocity'][whole]
-    return Recording(
-        t[whole],
-        tuple(names),
-        states['position'][whole],
-        states['effort'][whole],
-        velocity if np.isfinite(velocity).all() else None,
-        {name: _finite(t, used[column]) for name, column in sensors.items()},
-        path.name,
-    )
+        if frame in found:
+            raise IdentificationError(f'--pose must name each frame once, got {frame!r} twice')
+        found[frame] = _on_clock(*read_numbers(path, topic, POSE_NUMBERS), origin_ns)
+    return found
+
+
+def _on_clock(stamp_ns: Stamps, values: Array, origin_ns: int) -> tuple[Array, Array]:
+    """Return stamps [s] from an origin, and values (m, parts), where all of them are finite."""
+    whole = np.isfinite(values).all(axis=1)
+    return elapsed(stamp_ns[whole], origin_ns), values[whole]
 
 
 def _sensor_columns(
-    path: Path, given: Mapping[str, Array], robot: Robot, named: Mapping[str, str]
+    path: Path, given: Table, robot: Robot, named: Mapping[str, str]
 ) -> dict[str, str]:
     """Return the column of each sensor that a table has: the named one, or that of its name."""
     known = [sensor.name for sensor in robot.tree.sensors]
@@ -179,17 +309,21 @@ def _sensor_columns(
     return found
 
 
-def _rising(t: Array) -> NDArray[np.bool_]:
-    """Return which times are finite and later than all before them."""
-    latest = np.maximum.accumulate(np.where(np.isfinite(t), t, -np.inf))
-    later: NDArray[np.bool_] = np.isfinite(t)
-    later[1:] &= np.diff(latest) > 0.0
-    return later
-
-
-def _finite(t: Array, values: Array) -> tuple[Array, Array]:
-    whole = _rising(t) & np.isfinite(values)
-    return t[whole], values[whole]
+def _with_torque_constants(
+    path: Path, whole: Recording, constants: Mapping[str, float]
+) -> Recording:
+    """Return a recording whose currents [A] have become effort."""
+    if unknown := sorted(set(constants) - set(whole.joints)):
+        raise BagError(
+            f'{path}: --torque-constant must be of a recorded joint ({", ".join(whole.joints)}), '
+            f'got {", ".join(unknown)}'
+        )
+    factors = np.array([constants.get(joint, 1.0) for joint in whole.joints])
+    if not (np.isfinite(factors) & (factors != 0.0)).all():
+        raise BagError(
+            f'{path}: --torque-constant must be finite and not 0 N m/A, got {dict(constants)}'
+        )
+    return replace(whole, effort=whole.effort * factors)
 
 
 def _window(whole: Recording, begin: float, end: float) -> Recording:
@@ -210,3 +344,45 @@ def _window(whole: Recording, begin: float, end: float) -> Recording:
         velocity=None if whole.velocity is None else whole.velocity[rows],
         sensors=sensors,
     )
+
+
+@dataclass(frozen=True)
+class SensorFilter:
+    """A low-pass of second order: y'' + 2 damping omega y' + omega^2 y = omega^2 u.
+
+    Parameters
+    ----------
+    omega : float
+        [rad/s]
+    damping : float
+        Share of critical.
+
+    Raises
+    ------
+    IdentificationError
+        One of them is not > 0.
+    """
+
+    omega: float
+    damping: float
+
+    def __post_init__(self) -> None:
+        for name, value in (('omega', self.omega), ('damping', self.damping)):
+            if not (math.isfinite(value) and value > 0.0):
+                raise IdentificationError(f'filter: {name} must be > 0, got {value}')
+
+    def passed(self, t: Array, values: Array) -> Array:
+        """Filter values (k,) at stamps t (k,) [s], settled at the first one.
+
+        Values are taken as linear between stamps; uneven stamps go through an even grid.
+        """
+        period = float(np.median(np.diff(t)))
+        even = np.arange(t[0], t[-1] + period, period)
+        w, z = self.omega, self.damping
+        system = ([w * w], [1.0, 2.0 * z * w, w * w])
+        above, below, _ = cont2discrete(system, period, method='foh')
+        above = np.ravel(above)
+        given = np.interp(even, t, values)
+        found, _ = lfilter(above, below, given, zi=given[0] * lfilter_zi(above, below))
+        follows: Array = np.interp(t, even, found)
+        return follows

@@ -9,8 +9,12 @@ from pathlib import Path
 import numpy as np
 
 from denoc_ros.model.findings import SMALLEST, Element
-from denoc_ros.model.inertia import inverse_transform, moved
-from denoc_ros.model.residual_inertia import largest_mass_per_length, largest_polar_inertia
+from denoc_ros.model.inertia import (
+    inverse_transform,
+    largest_mass_per_length,
+    largest_polar_inertia,
+    moved,
+)
 from denoc_ros.model.suggest.materials import ASSUMED_DAMPING, Material
 from denoc_ros.model.suggest.outline import lost_mesh, outline
 from denoc_ros.model.suggest.slender import BeamLine, Stiffness, beam_line, stiffness

@@ -8,14 +8,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from denoc_ros.model.inertia import pseudo_inertia
-from denoc_ros.model.sections import (
+from denoc_ros.model.beam_sections import (
     CrossSection,
     rectangle_section,
     rectangle_tube_section,
     round_section,
     tube_section,
 )
+from denoc_ros.model.inertia import pseudo_inertia
 from denoc_ros.model.suggest.materials import Material
 from denoc_ros.model.suggest.outline import Outline
 from denoc_ros.model.tree import RigidInertia

@@ -11,7 +11,7 @@ from identification_runs import recorded, sweeping
 
 import denoc_ros as dn
 from denoc_ros.dynamics.robot import Robot
-from denoc_ros.identification.model.recording import Recording
+from denoc_ros.identification.model.sources import Recording
 from denoc_ros.types import Array, Flags
 
 ROBOTS = Path(__file__).resolve().parents[3] / 'config' / 'robots'

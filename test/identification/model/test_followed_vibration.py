@@ -11,7 +11,6 @@ from truth_runs import TruthRun, truth_run
 from truth_scores import CUTOFF, STEP, NumberScore, scored, true_point
 
 import denoc_ros as dn
-from denoc_ros.identification.model.candidates import Candidates
 from denoc_ros.identification.model.fit import free_parameters
 from denoc_ros.identification.model.free_parameters import FreeParameters
 from denoc_ros.identification.model.prediction import PreparedRun
@@ -45,7 +44,8 @@ def test_candidates_are_the_robots_that_are_built(seed: int) -> None:
     """Gauges, IMUs, elastic joints, a payload beside a free body, damping by a ratio."""
     case = truth_case(seed)
     point = case.parameters.settings(case.theta)
-    built, quick = case.parameters.robot_at(point), Candidates(case.parameters).at(point)
+    quick = case.parameters.robot_at(point)
+    built = type(quick)(quick.tree, quick.gravity, quick.geometric_stiffness)
     states = 0.1 * np.random.default_rng(0).standard_normal((3, 4, built.n))
     wanted = built.inverse_dynamics(*states)
     # the same numbers in another order of sums

@@ -13,7 +13,7 @@ from denoc_ros.errors import ConfigError
 from denoc_ros.identification.apply import configuration
 from denoc_ros.identification.model.fit import identify_model
 from denoc_ros.identification.model.free_parameters import FreeParameters
-from denoc_ros.identification.model.recording import Recording
+from denoc_ros.identification.model.sources import Recording
 
 PAYLOAD = 1.5  # kg
 STEP, COUNT = 5e-3, 600

@@ -12,7 +12,7 @@ from identification_runs import recorded, sweeping
 import denoc_ros as dn
 from denoc_ros.bags.writer import BagWriter
 from denoc_ros.dynamics.robot import Robot
-from denoc_ros.identification.model.recording import Recording, read_recording
+from denoc_ros.identification.model.sources import Recording, RecordingSettings, read_source
 from denoc_ros.types import Array
 
 ROBOTS = Path(__file__).resolve().parents[3] / 'config' / 'robots'
@@ -141,17 +141,17 @@ def write_bag(path: Path, run: Recording) -> None:
 def test_imus_and_poses_are_read_from_a_bag(arm: Robot, run: Recording, tmp_path: Path) -> None:
     path = tmp_path / 'run.mcap'
     write_bag(path, run)
-    read = read_recording(path, arm, poses={'/tracker': 'tool'})
+    read = read_source(path, arm, RecordingSettings(poses={'/tracker': 'tool'}))
     np.testing.assert_allclose(read.sensors['imu'][1], run.sensors['imu'][1])
     np.testing.assert_allclose(read.sensors['imu'][0], run.t, atol=1e-8)
     np.testing.assert_allclose(read.poses['tool'][1], run.poses['tool'][1])
     with pytest.raises(dn.IdentificationError, match='must name a frame of the robot'):
-        read_recording(path, arm, poses={'/tracker': 'nowhere'})
+        read_source(path, arm, RecordingSettings(poses={'/tracker': 'nowhere'}))
     with pytest.raises(dn.BagError, match='must be geometry_msgs/msg/PoseStamped, got'):
-        read_recording(path, arm, poses={'/imu': 'tool'})
+        read_source(path, arm, RecordingSettings(poses={'/imu': 'tool'}))
     two = {'/tracker': 'tool', '/again': 'tool'}
     with pytest.raises(dn.IdentificationError, match='each frame once'):
-        read_recording(path, arm, poses=two)
+        read_source(path, arm, RecordingSettings(poses=two))
 
 
 def test_readings_of_another_shape_are_refused(run: Recording) -> None:

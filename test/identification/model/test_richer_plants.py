@@ -9,7 +9,7 @@ import pytest
 
 import denoc_ros as dn
 from denoc_ros.dynamics.robot import Robot
-from denoc_ros.identification.model.recording import Recording
+from denoc_ros.identification.model.sources import Recording
 
 pytest.importorskip('mujoco', reason='MuJoCo is the plant (extra: mujoco)')
 from mujoco_runs import chain_recording

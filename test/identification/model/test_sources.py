@@ -14,8 +14,7 @@ import denoc_ros as dn
 from denoc_ros.bags.joint_state import JOINT_STATE, JointStateMessage
 from denoc_ros.bags.writer import BagWriter
 from denoc_ros.identification.model.free_parameters import FreeParameters
-from denoc_ros.identification.model.sensor_filter import SensorFilter
-from denoc_ros.identification.model.sources import RecordingSettings, read_source
+from denoc_ros.identification.model.sources import RecordingSettings, SensorFilter, read_source
 
 ROBOTS = Path(__file__).resolve().parents[3] / 'config' / 'robots'
 FILTER = SensorFilter(12.566, 0.9)  # 2 Hz

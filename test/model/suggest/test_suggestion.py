@@ -13,9 +13,8 @@ from small_robots import ARM
 from suggested_robots import ALUMINIUM, EI, GJ, LENGTH, MASS, inertial, tube_arm
 
 from denoc_ros.errors import ConfigError, ModelError
-from denoc_ros.model.inertia import moved, total
+from denoc_ros.model.inertia import beam_inertia, moved, total
 from denoc_ros.model.poses import number_text, rotation_rpy
-from denoc_ros.model.residual_inertia import beam_inertia
 from denoc_ros.model.suggest.beam import STUBBY, BeamSuggestion, _judge
 from denoc_ros.model.suggest.outline import Outline
 from denoc_ros.model.suggest.slender import BeamLine, Stiffness, stiffness

@@ -1,0 +1,272 @@
+"""Joints of a table: the columns that are theirs, and the times of the rows."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from denoc_ros.bags.joint_state import FIELDS, JOINT_STATE, JointStateMessage
+from denoc_ros.bags.series import JointSeries
+from denoc_ros.bags.tables import UNITS, Table, read_table, time_column, unit_of_times
+from denoc_ros.bags.writer import BagWriter
+from denoc_ros.errors import BagError
+from denoc_ros.types import Array
+
+SEPARATORS = './_ '  # between a joint's name and what of it a column holds
+SHOWN = 20  # names in a message
+FIRST_NS = 1_000_000_000  # a stamp of 0 would say that there is none
+
+
+@dataclass(frozen=True)
+class TableTimes:
+    """How the times of a table's rows are read.
+
+    Attributes
+    ----------
+    time : str
+        The column of times; '' for one of the usual names.
+    time_unit : str
+        Of these times: s, ms, us or ns; '' for what the column's name says, else s.
+    rate : float
+        The sample rate [Hz], where the table has no times; 0: it has.
+    """
+
+    time: str = ''
+    time_unit: str = ''
+    rate: float = 0.0
+
+
+def joint_columns(
+    table: Path,
+    given: Mapping[str, Array],
+    joints: Sequence[str],
+    named: Mapping[str, str],
+    fields: Sequence[str] = FIELDS,
+) -> dict[tuple[str, str], str]:
+    """Return the column of each joint and field that a table has.
+
+    Parameters
+    ----------
+    table : Path
+        What messages call it.
+    given : mapping of str to array
+        Its columns.
+    joints : sequence of str
+        The robot's.
+    named : mapping of str to str
+        `joint.field` to the column that it is taken from, whatever the names.
+    fields : sequence of str
+        Of a joint; default: position, velocity and effort.
+
+    Raises
+    ------
+    BagError
+        Two columns of a name, or a named one that does not exist.
+    """
+    found: dict[tuple[str, str], str] = {}
+    for joint in joints:
+        for field in fields:
+            endings = [f'{joint}{separator}{field}' for separator in SEPARATORS]
+            matches = [c for c in given if any(_ends(c, ending) for ending in endings)]
+            if field == 'position' and not matches:
+                matches = [column for column in given if column == joint]
+            if len(matches) > 1 and f'{joint}.{field}' not in named:
+                raise BagError(
+                    f'{table}: {field} of {joint} must be in one column, '
+                    f'got {", ".join(matches)}: --column {joint}.{field}=COLUMN'
+                )
+            if matches:
+                found[joint, field] = matches[0]
+    for what, column in named.items():
+        joint, _, field = what.rpartition('.')
+        if joint not in joints or field not in fields:
+            raise BagError(
+                f'{table}: --column must name JOINT.{"|".join(fields)} of the robot '
+                f'({", ".join(joints)}), got {what!r}'
+            )
+        if column not in given:
+            raise BagError(
+                f'{table}: --column {what} must be one of {", ".join(list(given)[:SHOWN])}, '
+                f'got {column!r}'
+            )
+        found[joint, field] = column
+    return found
+
+
+def joints_with(given: Mapping[str, Array], fields: Sequence[str]) -> list[str]:
+    """Return the joints that have a column of each of these fields."""
+    found: dict[str, set[str]] = {}
+    for column in given:
+        for field in fields:
+            for separator in SEPARATORS:
+                if column.endswith(f'{separator}{field}'):
+                    joint = column.removesuffix(f'{separator}{field}')
+                    found.setdefault(joint, set()).add(field)
+    return [joint for joint, has in found.items() if joint and len(has) == len(fields)]
+
+
+def _ends(column: str, ending: str) -> bool:
+    """Say whether a column's name is an ending, or has it behind a separator."""
+    return column == ending or any(column.endswith(f'{s}{ending}') for s in './')
+
+
+def shown(names: Sequence[str]) -> str:
+    """Return names for a message: all, or the first of many."""
+    more = f' and {len(names) - SHOWN} more' if len(names) > SHOWN else ''
+    return ', '.join(names[:SHOWN]) + more
+
+
+def table_times(
+    path: Path, columns: Table, times: TableTimes, rows: int
+) -> tuple[str, str, Array]:
+    """Return a table's column of times, its unit, and the times from the first row on [s].
+
+    Parameters
+    ----------
+    path : Path
+        Named in errors.
+    columns : Table
+        What `read_table` returns.
+    times : TableTimes
+    rows : int
+        How many times a rate makes.
+
+    Raises
+    ------
+    BagError
+        When there are no times.
+    """
+    if times.time and times.time not in columns:
+        listed = shown(list(columns))
+        raise BagError(f'{path}: time must be a column of numbers ({listed}), got {times.time!r}')
+    time = times.time or time_column(columns)
+    if times.rate > 0.0:
+        return time, times.time_unit or 's', np.arange(rows) / times.rate
+    if not time:
+        raise BagError(
+            f'{path}: table must have a column of times, got {shown(list(columns))}: name '
+            'the one that has them with --time COLUMN, or give the sample rate with --rate HZ'
+        )
+    t = columns[time]
+    unit = times.time_unit or unit_of_times(time, t, columns.units.get(time, ''))
+    return time, unit, (t - t[np.isfinite(t).argmax()]) * UNITS[unit]  # below a row of units
+
+
+def joints_of_table(
+    path: Path, given: Table, joints: Sequence[str], named: Mapping[str, str], times: TableTimes
+) -> JointSeries:
+    """Return the joints whose positions a table has; a row without a time has a stamp of 0.
+
+    Parameters
+    ----------
+    path : Path
+        Named in errors.
+    given : Table
+        What `read_table` returns.
+    joints, named
+        As of `joint_columns`.
+    times : TableTimes
+
+    Raises
+    ------
+    BagError
+        When the table has no times, or no joint's position; or a column does not exist.
+    """
+    found = joint_columns(path, given, joints, named)
+    names = [joint for joint in joints if (joint, 'position') in found]
+    if not names:
+        raise BagError(
+            f'{path}: table must have the position of a joint (columns such as '
+            f"'{joints[0]}/position', or named by --column), got {', '.join(list(given)[:SHOWN])}"
+        )
+    rows = max(len(given[found[name, 'position']]) for name in names)
+    _, _, t = table_times(path, given, times, rows)
+    require_rows(path, given, found.values(), t)
+    missing = np.full(len(t), np.nan)
+    fields = {
+        field: np.column_stack(
+            [given[found[name, field]] if (name, field) in found else missing for name in names]
+        )
+        for field in FIELDS
+    }
+    stamps = FIRST_NS + np.rint(1e9 * np.nan_to_num(t)).astype(np.int64)
+    stamps[~np.isfinite(t)] = 0
+    return JointSeries(t, tuple(names), **fields, stamp_ns=stamps, log_ns=stamps)
+
+
+def require_rows(path: Path, given: Table, columns: Iterable[str], t: Array) -> None:
+    """Raise BagError unless columns of a table are as long as its times."""
+    for column in columns:
+        if len(given[column]) != len(t):
+            raise BagError(
+                f'{path}: {column} must have as many values as there are times ({len(t)}), '
+                f'got {len(given[column])}'
+            )
+
+
+def bag_of_table(
+    table: Path,
+    joints: Sequence[str],
+    output: Path,
+    columns: Mapping[str, str] | None = None,
+    times: TableTimes | None = None,
+) -> Path:
+    """Write a table's rows as JointState messages on `/joint_states`.
+
+    Parameters
+    ----------
+    table : Path
+        A file that `read_table` reads.
+    joints : sequence of str
+        The robot's. A column `elbow/position`, `elbow.velocity` or `elbow_effort`, also with
+        something before it (`/joint_states/elbow/effort`), is that of the joint; `elbow` alone is
+        its position [rad, m; per s; N m, N].
+    output : Path
+        The bag, which must not exist yet.
+    columns : mapping of str to str, optional
+        `joint.field` to the column that it is taken from, whatever the names.
+    times : TableTimes, optional
+        How times are read.
+
+    Returns
+    -------
+    Path
+        Of the bag.
+
+    Raises
+    ------
+    BagError
+        When the table cannot be read, has no times, or no joint's position; or a column does not
+        exist.
+
+    Notes
+    -----
+    A row without one joint's position leaves that joint out; times count from the table's first.
+    """
+    given = read_table(table)
+    series = joints_of_table(table, given, joints, columns or {}, times or TableTimes())
+    rows = series[np.isfinite(series.t)]
+    others = [each for each in FIELDS[1:] if np.isfinite(getattr(rows, each)).any()]
+    fields = ('position', *others)
+    values = np.stack([getattr(rows, field) for field in fields], axis=1)
+    encoders: dict[tuple[bool, ...], JointStateMessage] = {}
+    with BagWriter(output) as bag:
+        bag.add_topic('/joint_states', JOINT_STATE)
+        for stamp_ns, row, there in zip(
+            rows.stamp_ns.tolist(), values, np.isfinite(rows.position), strict=True
+        ):
+            present = tuple(there.tolist())
+            if not any(present):
+                continue
+            if present not in encoders:
+                names = [
+                    name for name, is_here in zip(rows.names, present, strict=True) if is_here
+                ]
+                encoders[present] = JointStateMessage(names, fields)
+            bag.write(
+                '/joint_states', stamp_ns, encoders[present].encode(stamp_ns, *row[:, there])
+            )
+    return output

@@ -1,0 +1,286 @@
+"""A recorded run, read in one pass: joint states as series, phases, and a few whole messages."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from denoc_ros.bags.definitions import decode, message_types
+from denoc_ros.bags.joint_state import JOINT_STATE
+from denoc_ros.bags.reader import RawMessage, bag_contents, header_stamp_ns, read_raw, read_thinned
+from denoc_ros.bags.series import JointSeries, JointStateColumns, Series, find_topic
+from denoc_ros.errors import BagError
+
+UNFINISHED = '(unfinished)'  # behind the name of a phase that has no end
+PHASE_TOPIC = '/up/phase'
+REFERENCE = 'reference'
+TRAJECTORY = 'trajectory_msgs/msg/JointTrajectory'
+DIAGNOSTICS = 'diagnostic_msgs/msg/DiagnosticArray'
+# Types of which whole messages are kept; there are few of each.
+KEPT = ('std_msgs/msg/String', TRAJECTORY, DIAGNOSTICS)
+ALL_TIME = (-math.inf, math.inf)
+MOST_ROWS = 20_000  # of a topic that is thinned, whatever the run's length
+SLACK = 1.0  # s that a message may be recorded before or after its stamp
+
+
+@dataclass(frozen=True)
+class Interval:
+    """A phase of the run, in seconds since the recording's origin."""
+
+    name: str
+    start: float
+    end: float
+
+
+@dataclass(frozen=True)
+class Kept:
+    """One whole message; times in seconds since the recording's origin."""
+
+    log_time: float
+    stamp: float
+    message: Any
+
+
+@dataclass(frozen=True)
+class Diagnostic:
+    """One status of a DiagnosticArray: level 0 ok, 1 warning, 2 error, 3 stale."""
+
+    stamp_ns: int
+    name: str
+    level: int
+    message: str
+    hardware_id: str
+    values: dict[str, str]
+
+
+@dataclass(frozen=True)
+class RecordedTopics:
+    """Topics of a recorded run; all times count from its origin.
+
+    Attributes
+    ----------
+    path : Path
+        The bag.
+    topics : dict of str to str
+        Name -> type of all topics.
+    counts : dict of str to int
+        Name -> number of messages.
+    length : float
+        From the first to the last message of the whole bag [s].
+    joint_states : dict of str to JointSeries
+        By topic.
+    kept : dict of str to list of (int, bytes)
+        Log times [ns] and CDR bytes of the messages that are kept whole, by topic.
+    origin_ns : int
+        The first stamp of a JointState [ns].
+    noted : sequence of mapping
+        `name`, `begin_ns` and `end_ns` (None: unfinished) of each phase, as a session notes them
+        by the clock of the recording.
+    """
+
+    path: Path
+    topics: Mapping[str, str]
+    counts: Mapping[str, int]
+    length: float
+    joint_states: Mapping[str, JointSeries]
+    kept: Mapping[str, Sequence[tuple[int, bytes]]]
+    origin_ns: int
+    noted: Sequence[Mapping[str, Any]] = ()
+
+    @property
+    def duration(self) -> float:
+        """Seconds from the first to the last stamp."""
+        last = max(series.stamp_ns.max() for series in self.joint_states.values())
+        return float((last - self.origin_ns) * 1e-9)
+
+    def joints(self, ending: str) -> JointSeries | None:
+        """Return the JointState topic of this name or ending, None where it has no rows."""
+        found = self.joint_states.get(find_topic(self.joint_states, ending))
+        return found if found is not None and len(found.t) else None
+
+    def series(self, ending: str, field: str = 'position') -> Series | None:
+        """Return a field of the JointState topic with this name or ending, None without values.
+
+        Parameters
+        ----------
+        ending : str
+            Such as `joint_states` or `plant/true_deflection`.
+        field : str
+            `position`, `velocity` or `effort`.
+        """
+        found = self.joints(ending)
+        series = None if found is None else found.field(field)
+        return series if series is not None and np.isfinite(series.values).any() else None
+
+    def messages(self, ending: str) -> list[Kept]:
+        """Return the messages of a topic of one of the types `KEPT`; none if there is none."""
+        topic = find_topic(self.kept, ending)
+        found = []
+        for log_ns, raw in self.kept.get(topic, ()):
+            message, _ = decode(message_types(), self.topics[topic], raw)
+            stamp_ns = header_stamp_ns(message) or log_ns
+            found.append(Kept(self._seconds(log_ns), self._seconds(stamp_ns), message))
+        return found
+
+    def diagnostics(self) -> list[Diagnostic]:
+        """Return every status of /diagnostics, in order."""
+        return [
+            status
+            for kept in self.messages('diagnostics')
+            for status in statuses(self.origin_ns + round(kept.stamp * 1e9), kept.message)
+        ]
+
+    @property
+    def phases(self) -> tuple[Interval, ...]:
+        """The phases in order: as noted, else as the bag marks them, else all of the recording."""
+        return tuple(map(self._interval, self.noted)) or tuple(self._intervals())
+
+    @property
+    def begin_ns(self) -> int:
+        """When the first phase begins [ns]; 0 where the bag names none."""
+        return self.span_ns(self.phases[0].start, np.inf)[0]
+
+    def span_ns(self, begin: float, end: float) -> tuple[int, int]:
+        """Return an interval of s since the origin in ns; infinite ends are those of all time."""
+        first = self.origin_ns + round(begin * 1e9) if np.isfinite(begin) else 0
+        last = self.origin_ns + round(end * 1e9) if np.isfinite(end) else 2**63
+        return first, last
+
+    def _seconds(self, stamp_ns: int) -> float:
+        return (stamp_ns - self.origin_ns) * 1e-9
+
+    def _interval(self, phase: Mapping[str, Any]) -> Interval:
+        """Return a phase as its session noted it; an unfinished one says so by its name."""
+        end = phase['end_ns']
+        begin = self._seconds(phase['begin_ns'])
+        if end is None:
+            return Interval(f'{phase["name"]} {UNFINISHED}', begin, np.inf)
+        return Interval(phase['name'], begin, self._seconds(end))
+
+    def _intervals(self) -> Iterator[Interval]:
+        """Yield the phases: each message names the phase that begins then, '' an end."""
+        marks = [
+            (kept.log_time, str(kept.message.data))
+            for kept in self.messages(PHASE_TOPIC.lstrip('/'))
+        ]
+        if not any(name for _, name in marks):
+            yield Interval('run', -np.inf, np.inf)
+            return
+        ends = [t for t, _ in marks[1:]] + [np.inf]
+        for (start, name), end in zip(marks, ends, strict=True):
+            if name:
+                yield Interval(name, start, end)
+
+    def marks(self) -> tuple[tuple[float, str], ...]:
+        """Return times at which phases begin [s], and their names; '' where one ends.
+
+        A phase with a reference begins with that: before it the robot goes to its start. The bag
+        is read for it, one message at a time: a streamed reference is long.
+        """
+        marks: list[tuple[int, str]] = []
+        reference, waits = find_topic(self.topics, REFERENCE), False
+        wanted = {PHASE_TOPIC, reference} & {*self.topics}
+        for topic, kind, log_ns, raw in read_raw(self.path, wanted):
+            if topic == PHASE_TOPIC:
+                if marks:  # one that ended before its reference began
+                    marks[-1] = min(marks[-1][0], log_ns), marks[-1][1]
+                name = str(decode(message_types(), kind, raw)[0].data)
+                marks.append((log_ns, name))
+                waits = bool(name)
+            elif waits and kind == TRAJECTORY:
+                stamp_ns = header_stamp_ns(decode(message_types(), kind, raw)[0])
+                marks[-1] = max(stamp_ns, log_ns), marks[-1][1]
+                waits = False
+        return tuple((self._seconds(ns), name) for ns, name in marks)
+
+
+def read_run(
+    path: Path,
+    topics: Collection[str] | None = None,
+    window: tuple[float, float] = ALL_TIME,
+    rate: float = math.inf,
+    phases: Sequence[Mapping[str, Any]] = (),
+) -> RecordedTopics:
+    """Read the joint states of a bag in one pass.
+
+    Parameters
+    ----------
+    path : Path
+        What `denoc_ros.bags.reader.read_bag` reads.
+    topics : collection of str, optional
+        Names or endings of topics of JointState; those that the bag does not have are left out.
+        Default: all of them, and the messages of types `KEPT`.
+    window : (float, float)
+        What is read of the run [s since its origin].
+    rate : float
+        Rows per second at most [Hz]; where it is given, topics have at most `MOST_ROWS` rows, and
+        messages in between are not opened.
+    phases : sequence of mapping
+        As of `RecordedTopics.noted`; empty: the marks in the bag tell.
+
+    Raises
+    ------
+    BagError
+        When the bag cannot be read, or has no JointState where none are named.
+    """
+    contents = bag_contents(path)
+    length = 1e-9 * (contents.end_ns - contents.start_ns)
+    kinds = {topic.name: topic.type for topic in contents.topics}
+    states = {t.name for t in contents.topics if t.type == JOINT_STATE and t.messages}
+    kept: dict[str, list[tuple[int, bytes]]] = {}
+    if topics is None:
+        kept = {t.name: [] for t in contents.topics if t.type in KEPT and t.messages}
+    else:
+        states = {name for ending in topics if (name := find_topic(states, ending))}
+    columns = {topic: JointStateColumns(topic) for topic in states}
+    for topic, _, log_ns, raw in _raw(path, {*states, *kept}, window, rate, length):
+        if topic in kept:
+            kept[topic].append((log_ns, bytes(raw)))
+        else:
+            columns[topic].append(raw, log_ns)
+    series = {topic: column.series() for topic, column in columns.items() if len(column)}
+    if topics is None and not series:
+        raise BagError(
+            f'{path}: bag must have messages on a topic such as joint_states, '
+            f'got topics {", ".join(sorted(kinds)) or "(none)"}'
+        )
+    origin_ns = min((int(one.stamp_ns.min()) for one in series.values()), default=0)
+    rows = {topic: one.since(origin_ns) for topic, one in series.items()}
+    if window != ALL_TIME:
+        rows = {topic: one.between(*window) for topic, one in rows.items()}
+    counts = {topic.name: topic.messages for topic in contents.topics}
+    return RecordedTopics(path, kinds, counts, length, rows, kept, origin_ns, phases)
+
+
+def _raw(
+    path: Path, topics: set[str], window: tuple[float, float], rate: float, length: float
+) -> Iterator[RawMessage]:
+    """Iterate over messages of topics; those that can be in a window, at a rate."""
+    if not topics:
+        return iter(())
+    if rate == math.inf:
+        return read_raw(path, topics)
+    start, end = window
+    period = max(1.0 / rate, (min(end, length) - max(start, 0.0)) / MOST_ROWS)
+    slack = 1e9 * (SLACK + period)
+    return read_thinned(path, topics, round(1e9 * period), 1e9 * start - slack, 1e9 * end + slack)
+
+
+def statuses(stamp_ns: int, message: Any) -> list[Diagnostic]:
+    """Return the statuses of a DiagnosticArray that has a stamp [ns]."""
+    return [
+        Diagnostic(
+            stamp_ns,
+            status.name,
+            int(status.level),
+            status.message,
+            status.hardware_id,
+            {pair.key: pair.value for pair in status.values},
+        )
+        for status in message.status
+    ]

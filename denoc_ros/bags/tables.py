@@ -1,0 +1,575 @@
+"""Columns out of tables: text, spreadsheets, MATLAB files, JSON; and their times."""
+
+from __future__ import annotations
+
+import csv
+import json
+import re
+import zipfile
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import datetime, time, timedelta, timezone
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from denoc_ros.errors import BagError
+from denoc_ros.types import Array
+
+DECIMAL_COMMA = re.compile(r'[+-]?\d*,\d+([eE][+-]?\d+)?')
+DECIMAL_POINT = re.compile(r'[+-]?\d*\.\d+([eE][+-]?\d+)?')
+BRACKETED = re.compile(r'[\[(][^\])]*[\])]')
+UNITS_OF_COLUMNS = re.compile(
+    r's|secs?|seconds?|m?sec|[mnuµμ]s|min|h|k?hz|[mckuµμ]?m|in|ft|m?rad|deg|°|k?g|[mk]?n|'
+    r'n[·*. ]?m|[muµμ]?v|m?a|w|[km]?pa|bar|%|-|1|m?m/s|m?m/s(\^?2|²)|(rad|deg|°)/s((\^?2|²))?|'
+    r'[uµμ]?strain|[uµμ]m/m|°c|counts|lsb'
+)
+COMMENT = ('#', '%')
+BEHIND = re.compile(r'\s#\s.*')  # a comment behind the cells
+DELIMITERS = ';\t|, '
+BAGS = ('.mcap', '.db3')
+MOST_COLUMNS = 1000
+MOST_SIGNALS = 64  # rows of a text that may be signals, one in each
+FEWEST_SAMPLES = 8
+LOOKED_AT = 40  # lines that say how all are separated, and which cells are numbers
+MOST_WORDS = 3  # of a column's name in a comment
+LARGEST_SHEET = 256 << 20  # bytes of a spreadsheet, unpacked
+UNITS = {'s': 1.0, 'ms': 1e-3, 'us': 1e-6, 'ns': 1e-9}
+TIME_NAMES = ('time', 't', 'timestamp', 'stamp')
+OTHER_NAMES = (  # of other programs and languages
+    '__time', 'times', 'time stamp', 'time_stamp', 'datetime', 'date_time', 'date time',
+    'date/time', 'elapsed', 'elapsed time', 'elapsed_time', 'time elapsed', 'time since start',
+    'relative time', 'zeit', 'zeitstempel', 'uhrzeit', 'temps', 'tiempo', 'tempo', 'tid', 'tijd',
+)  # fmt: skip
+UNIT_NAMES = {
+    'second': 's', 'seconds': 's', 'millisecond': 'ms', 'milliseconds': 'ms',
+    'microsecond': 'us', 'microseconds': 'us', 'nanosecond': 'ns', 'nanoseconds': 'ns',
+}  # fmt: skip
+SPELLED = {
+    **UNIT_NAMES, 'sec': 's', 'secs': 's', 'msec': 'ms', 'usec': 'us', 'µs': 'us', 'μs': 'us',
+    'nsec': 'ns',
+}  # fmt: skip
+WITH_UNIT = re.compile(
+    rf'({"|".join(map(re.escape, (*TIME_NAMES, *OTHER_NAMES)))})'
+    rf'(?:[ ,]* in | ?/ ?|[ ,_\[(]+)({"|".join((*UNITS, *SPELLED))})[\])]?',
+    re.IGNORECASE,
+)
+DATE = re.compile(
+    r'(?:(?P<y>\d{4})[-/.](?P<m>\d\d?)[-/.](?P<d>\d\d?)|(?P<a>\d\d?)[-/.](?P<b>\d\d?)[-/.](?P<c>\d{4}))'
+    r'[T _,]+(?P<time>\d\d?:\d\d(?::\d\d(?:[.,]\d*)?)?) ?(?P<zone>Z|UTC|[+-]\d\d:?\d\d)?'
+)
+CLOCK = re.compile(r'(?:(\d{1,4}):)?(\d\d?):(\d\d(?:[.,]\d*)?)')
+EPOCH = datetime(1970, 1, 1, tzinfo=timezone.utc)
+EARLIEST, LATEST = 5e8, 5e9  # s since 1970: times of a computer's clock, 1985 to 2128
+OTHERS = (  # first bytes of files that are no text
+    (b'\xd0\xcf\x11\xe0', 'an old spreadsheet (.xls)'),
+    (b'PAR1', 'a Parquet file'),
+    (b'\x89HDF', 'an HDF5 file'),
+    (b'\x1f\x8b', 'a compressed file'),
+)
+
+
+class Table(dict[str, Array]):
+    """Columns of numbers by name, each (k,).
+
+    Attributes
+    ----------
+    units : dict of str to str
+        Of columns: what a row below the names says.
+    """
+
+    def __init__(self, columns: dict[str, Array], units: dict[str, str] | None = None) -> None:
+        super().__init__(columns)
+        self.units = dict(units or {})
+
+
+@dataclass(frozen=True)
+class Sheet:
+    """Cells of a table.
+
+    Attributes
+    ----------
+    names, units : list of str
+        Of its columns; [] where there is no such row.
+    rows : list of (int, list of str)
+        Number of the line, and cells, from the first row of numbers on.
+    commas : bool
+        Numbers have decimal commas.
+    width : int
+        Cells of most rows.
+    """
+
+    names: list[str]
+    units: list[str]
+    rows: list[tuple[int, list[str]]]
+    commas: bool = False
+    width: int = 0
+
+    def number(self, cell: str) -> float | None:
+        """Return the number or the time [s] in a cell, None where it is neither."""
+        return _number(cell.replace(',', '.') if self.commas else cell)
+
+
+def read_table(path: Path) -> Table:
+    """Return the columns of a file of numbers by name.
+
+    Parameters
+    ----------
+    path : Path
+        `.mat` (up to version 7.2: variables, and fields of structs as `run.tip`; those of several
+        columns as `name[0]`, `name[1]`, …), `.json` (a list of objects somewhere in it, or lists
+        of numbers by name), `.xlsx` (its first sheet with numbers), or text of any other name:
+        commas, semicolons, tabs, bars or blanks, with a row of names, also in a comment and below
+        titles, or columns 0, 1, …; a row of units below the names; decimal commas; dates and
+        times of day, which become seconds. Signals that stand in rows are taken as columns. What
+        is no column of numbers is left out; of names that repeat, the second gets `_2`.
+
+    Raises
+    ------
+    BagError
+        When it cannot be read, or holds no column of numbers.
+    """
+    reader = READERS.get(path.suffix.lower(), _read_text)
+    try:
+        table = reader(path)
+    except (OSError, BagError):
+        raise
+    except Exception as error:  # scipy's reader of damaged files ends in nearly every kind
+        reason = str(error) or type(error).__name__
+        raise BagError(f'{path}: table must be readable, got: {reason}') from error
+    if not table:
+        raise BagError(f'{path}: table must have a column of numbers, got none')
+    if len(table) > MOST_COLUMNS:
+        raise BagError(f'{path}: table must have at most {MOST_COLUMNS} columns, got {len(table)}')
+    return table
+
+
+def read_sheet(path: Path) -> Sheet:
+    """Return the cells of a text or a spreadsheet; errors as `read_table`."""
+    raw = path.read_bytes()
+    for start, kind in OTHERS:
+        if raw.startswith(start):
+            raise BagError(f'{path}: table must be text, .xlsx, .mat or .json, got {kind}')
+    if raw.startswith(b'PK\x03\x04') or path.suffix.lower() in SPREADSHEETS:
+        return _read_workbook(path)
+    return _text_sheet(_decoded(path, raw))
+
+
+def _decoded(path: Path, raw: bytes) -> str:
+    if raw.startswith((b'\xff\xfe', b'\xfe\xff')):
+        return raw.decode('utf-16')
+    if b'\0' in raw:
+        raise BagError(f'{path}: table must be text, .xlsx, .mat or .json, got bytes of no text')
+    try:
+        return raw.decode('utf-8-sig')
+    except UnicodeDecodeError:
+        return raw.decode('cp1252', errors='replace')  # units such as ° and µ of older programs
+
+
+def _read_text(path: Path) -> Table:
+    return _columns(read_sheet(path))
+
+
+def _text_sheet(text: str) -> Sheet:
+    numbered = [(n, line) for n, line in enumerate(text.splitlines(), 1) if line.strip()]
+    plain = [line for _, line in numbered if not line.lstrip().startswith(COMMENT)]
+    delimiter = _delimiter(plain[-LOOKED_AT:])
+    lines = []
+    for number, line in numbered:
+        is_comment = line.lstrip().startswith(COMMENT)
+        cells = line.lstrip().lstrip('#%').strip() if is_comment else BEHIND.sub('', line)
+        lines.append((number, is_comment, cells))
+    cells_of = _split([cells for _, _, cells in lines], delimiter)
+    rows = [
+        (number, is_comment, _trimmed(cells))
+        for (number, is_comment, _), cells in zip(lines, cells_of, strict=True)
+    ]
+    return _sheet(rows, delimiter)
+
+
+def _split(lines: list[str], delimiter: str) -> list[list[str]]:
+    """Return the cells of each line; a quotation mark that is never closed is a character."""
+    for quoting in (csv.QUOTE_MINIMAL, csv.QUOTE_NONE):
+        reader = csv.reader(lines, delimiter=delimiter, skipinitialspace=True, quoting=quoting)
+        rows = [[cell.strip() for cell in row] for row in reader]
+        if len(rows) == len(lines):
+            return rows
+    return rows
+
+
+def _delimiter(lines: Sequence[str]) -> str:
+    """Delimiter that separates the most numeric cells in rows of one width."""
+    best, chosen = 0.0, ','
+    for delimiter in DELIMITERS:
+        rows = [_trimmed(row) for row in _split([BEHIND.sub('', li) for li in lines], delimiter)]
+        width = _usual_width(rows)
+        if width < 2:
+            continue
+        cells = [cell for row in rows if len(row) == width for cell in row]
+        told = [c for c in cells if _number(c.replace(',', '.')) is not None]
+        score = len(told) / max(sum(map(len, rows)), 1)
+        if score > best + 1e-9:
+            best, chosen = score, delimiter
+    return chosen
+
+
+def _usual_width(rows: Sequence[Sequence[str]]) -> int:
+    return Counter(map(len, rows)).most_common(1)[0][0] if rows else 0
+
+
+def _trimmed(row: list[str]) -> list[str]:
+    """Leave out the empty cell behind a delimiter at the end of a line."""
+    return row[:-1] if len(row) > 1 and not row[-1].strip() else row
+
+
+def _has_decimal_commas(rows: Sequence[Sequence[str]]) -> bool:
+    cells = [cell for row in rows for cell in row]
+    return any(DECIMAL_COMMA.fullmatch(cell) for cell in cells) and not any(
+        DECIMAL_POINT.fullmatch(cell) for cell in cells
+    )
+
+
+def _sheet(rows: list[tuple[int, bool, list[str]]], delimiter: str) -> Sheet:
+    """Return the cells of rows (number, whether a comment, cells): names, units, the rest."""
+    body = [(number, cells) for number, is_comment, cells in rows if not is_comment]
+    if not body:
+        return Sheet([], [], [])
+    last = [cells for _, cells in body[-LOOKED_AT:]]
+    commas = _has_decimal_commas(last)
+    if delimiter != ' ' and _signals_in_rows([cells for _, cells in body], commas):
+        body = list(enumerate(map(list, zip(*(cells for _, cells in body), strict=True))))
+        return Sheet(body[0][1] if _is_text(body[0][1]) else [], [], _rest(body), commas)
+    blank = Sheet([], [], [], commas)
+    width = _usual_width([cells for _, cells in body])
+    of_width = [cells for cells in last if len(cells) == width]
+    shares = [
+        np.mean([blank.number(row[k]) is not None for row in of_width]) for k in range(width)
+    ]
+    numeric = [k for k, share in enumerate(shares) if share > 0.5]
+    if not numeric:
+        return Sheet([], [], [])
+    first = next(
+        (n for n, cells in body if len(cells) == width and _has_numbers(blank, cells, numeric)),
+        body[-1][0],
+    )
+    data = [(number, cells) for number, cells in body if number >= first]
+    counted = _counts([cells[0] for _, cells in data if len(cells) == width])
+    above = [row for row in rows if row[0] < first]
+    names, units = _heading(above, width, counted, delimiter)
+    return Sheet(names, units, data, commas, width)
+
+
+def _rest(body: list[tuple[int, list[str]]]) -> list[tuple[int, list[str]]]:
+    return body[1:] if _is_text(body[0][1]) else body
+
+
+def _is_text(cells: Sequence[str]) -> bool:
+    return any(cell and _number(cell) is None for cell in cells)
+
+
+def _has_numbers(sheet: Sheet, cells: Sequence[str], numeric: Sequence[int]) -> bool:
+    """Say whether more than half of the columns of numbers have one in a row."""
+    told = [k for k in numeric if sheet.number(cells[k]) is not None]
+    return 2 * len(told) > len([k for k in numeric if cells[k]])
+
+
+def _heading(
+    above: list[tuple[int, bool, list[str]]], width: int, counted: bool, delimiter: str
+) -> tuple[list[str], list[str]]:
+    """Return the names and units of columns in the lines above the first row of numbers."""
+    known = [
+        cells
+        for _, is_comment, cells in above
+        if _are_names(cells, width, counted) and (not is_comment or _in_comment(cells, delimiter))
+    ]
+    if not known:
+        return [], []
+    units: list[str] = []
+    if len(known) > 1 and _are_units(known[-1]) and len(known[-1]) == len(known[-2]):
+        units = known.pop()
+    names = known[-1]
+    if len(names) == width - 1 and counted:
+        # of statistics programs: the first column counts the rows and has no name
+        return ['0', *names], ['', *units] if units else []
+    return names, units
+
+
+def _are_names(cells: list[str], width: int, counted: bool) -> bool:
+    """Say whether cells can be the names of columns: not a title, not numbers."""
+    if all(not cell or _number(cell) is not None for cell in cells):
+        return False
+    if len(cells) >= width or any(is_time(cell) for cell in cells):
+        return True
+    return counted and len(cells) == width - 1 > 1
+
+
+def _in_comment(cells: list[str], delimiter: str) -> bool:
+    """Say whether the cells of a comment are names, not a sentence."""
+    if any(is_time(cell) for cell in cells):
+        return True
+    return delimiter != ' ' and all(0 < len(cell.split()) <= MOST_WORDS for cell in cells)
+
+
+def _are_units(cells: Sequence[str]) -> bool:
+    return any(cells) and all(
+        not cell or BRACKETED.fullmatch(cell) or UNITS_OF_COLUMNS.fullmatch(cell.lower())
+        for cell in cells
+    )
+
+
+def _signals_in_rows(rows: list[list[str]], commas: bool) -> bool:
+    """Say whether each row is a signal, its name before it or not."""
+    width = len(rows[0])
+    if not len(rows) <= MOST_SIGNALS or width < max(2 * len(rows), FEWEST_SAMPLES):
+        return False
+    number = Sheet([], [], [], commas).number
+    return all(len(row) == width and None not in map(number, row[1:]) for row in rows)
+
+
+def _columns(sheet: Sheet) -> Table:
+    body = [cells for _, cells in sheet.rows]
+    width = sheet.width or _usual_width(body)
+    if width > MOST_COLUMNS:
+        return Table({str(k): np.zeros(0) for k in range(width)})  # refused by their number
+    body = [row for row in body if len(row) == width]
+    columns, units = {}, {}
+    names = _unlike([*sheet.names[:width], *map(str, range(len(sheet.names), width))])
+    for k, name in enumerate(names):
+        numbers = [sheet.number(row[k]) for row in body]
+        if any(number is not None for number in numbers):
+            columns[name] = np.array([np.nan if n is None else n for n in numbers])
+            if k < len(sheet.units):
+                units[name] = sheet.units[k].strip('[]() ')
+    return Table(columns, units)
+
+
+def _unlike(names: Sequence[str]) -> list[str]:
+    """Return names of columns: their number for none, `_2`, `_3`, … behind those that repeat."""
+    found: list[str] = []
+    for k, name in enumerate(names):
+        known, count = name or str(k), 1
+        while known in found:
+            count += 1
+            known = f'{name or k}_{count}'
+        found.append(known)
+    return found
+
+
+def _counts(cells: list[str]) -> bool:
+    numbers = [_number(cell.strip('"')) for cell in cells]
+    first = numbers[0] if numbers else None
+    return first in (0.0, 1.0) and numbers == [first + k for k in range(len(numbers))]
+
+
+def _number(cell: str) -> float | None:
+    try:
+        return float(cell)
+    except ValueError:
+        return seconds_of(cell)
+
+
+def _read_workbook(path: Path) -> Sheet:
+    """Return the first sheet of a workbook that has numbers."""
+    try:
+        import openpyxl
+    except ImportError as error:
+        raise BagError(
+            f'{path}: a spreadsheet must be read by openpyxl (pip install openpyxl, or '
+            "'denoc_ros[tables]'), got none: install it, or save the sheet as .csv"
+        ) from error
+    with zipfile.ZipFile(path) as archive:
+        if 'xl/workbook.xml' not in archive.namelist():
+            raise BagError(
+                f'{path}: table must be text, .xlsx, .mat or .json, got another zip archive: '
+                'save it as .csv'
+            )
+        size = sum(entry.file_size for entry in archive.infolist())
+        if size > LARGEST_SHEET:
+            raise BagError(
+                f'{path}: spreadsheet must unpack to at most {LARGEST_SHEET >> 20} MiB, '
+                f'got {size >> 20} MiB: save the sheet as .csv'
+            )
+    book = openpyxl.load_workbook(path, read_only=True, data_only=True)
+    try:
+        for one in book.worksheets:
+            rows = [(n, list(map(_cell, row))) for n, row in enumerate(one.values, 1)]
+            sheet = _sheet(_without_margins(rows), ';')
+            if sheet.rows:
+                return sheet
+    finally:
+        book.close()
+    return Sheet([], [], [])
+
+
+def _without_margins(rows: list[tuple[int, list[str]]]) -> list[tuple[int, bool, list[str]]]:
+    """Leave out empty rows, the columns that are empty, and the cells behind a row's last."""
+    width = max((len(cells) for _, cells in rows), default=0)
+    used = [k for k in range(width) if any(cells[k] for _, cells in rows if k < len(cells))]
+    found = []
+    for number, cells in rows:
+        kept = [cells[k] if k < len(cells) else '' for k in used]
+        if any(kept):
+            is_title = not any(kept[1:]) and _number(kept[0]) is None
+            found.append((number, False, kept[:1] if is_title else kept))
+    return found
+
+
+def _cell(value: Any) -> str:
+    if value is None:
+        return ''
+    if isinstance(value, (datetime, time)):
+        return value.isoformat()
+    return str(value).strip()
+
+
+def _read_mat(path: Path) -> Table:
+    from scipy.io import loadmat
+
+    columns: dict[str, Array] = {}
+    for name, value in loadmat(path, simplify_cells=True).items():
+        if not name.startswith('__'):
+            columns |= _mat_columns(name, value)
+    return Table(columns)
+
+
+def _mat_columns(name: str, value: Any) -> dict[str, Array]:
+    """Return a variable's columns: a vector's, a matrix's, or those of a struct's fields."""
+    if isinstance(value, dict):
+        found: dict[str, Array] = {}
+        for field, inner in value.items():
+            found |= _mat_columns(f'{name}.{field}', inner)
+        return found
+    if isinstance(value, list) and value and all(isinstance(entry, dict) for entry in value):
+        columns: dict[str, Array] = {}
+        for field in value[0]:
+            _add(columns, f'{name}.{field}', [entry.get(field) for entry in value])
+        return columns
+    array = np.atleast_1d(np.asarray(value))
+    if array.dtype.kind not in 'fiub' or array.ndim > 2 or array.size == 0:
+        return {}
+    if array.ndim == 1 or 1 in array.shape:
+        return {name: array.ravel().astype(np.float64)}
+    # signals are longer than there are of them
+    longer = array.T if array.shape[0] < array.shape[1] else array
+    return {f'{name}[{k}]': column.astype(np.float64) for k, column in enumerate(longer.T)}
+
+
+def _read_json(path: Path) -> Table:
+    columns: dict[str, Array] = {}
+    for name, values in _lists(json.loads(path.read_text(encoding='utf-8')), ''):
+        if all(isinstance(entry, dict) for entry in values):
+            for key in values[0]:
+                _add(columns, key, [entry.get(key) for entry in values])
+        else:
+            _add(columns, name, values)
+    return Table(columns)
+
+
+def _lists(value: Any, name: str) -> Iterator[tuple[str, list[Any]]]:
+    if isinstance(value, list) and value:
+        yield name, value
+    elif isinstance(value, dict):
+        for key, inner in value.items():
+            yield from _lists(inner, key)
+
+
+def _add(columns: dict[str, Array], name: str, values: list[Any]) -> None:
+    if all(isinstance(value, (int, float)) for value in values):
+        columns[name] = np.array(values, dtype=np.float64)
+
+
+def is_time(name: str) -> bool:
+    """Say whether a column's name is one of times, such as `time` or `t [ms]`."""
+    plain = name.strip().lower()
+    known = plain in TIME_NAMES or plain in OTHER_NAMES or plain in UNIT_NAMES
+    return known or WITH_UNIT.fullmatch(plain) is not None
+
+
+def _unit_of(name: str) -> str:
+    plain = name.strip().lower()
+    found = WITH_UNIT.fullmatch(plain)
+    return unit_of_word(found[2] if found else plain if plain in UNIT_NAMES else '')
+
+
+def unit_of_word(word: str) -> str:
+    """Return s, ms, us or ns for how a unit is written; '' where it is none of them."""
+    unit = SPELLED.get(word.lower(), word.lower())
+    return unit if unit in UNITS else ''
+
+
+def unit_of_times(name: str, times: Array, below: str = '') -> str:
+    """Return the unit of a column of times: s, ms, us or ns.
+
+    Parameters
+    ----------
+    name : str
+        Of the column, which may say it.
+    times : (k,) array
+        Its values: those of a computer's clock say it by their size.
+    below : str
+        The unit in a row below the names; '' for none.
+    """
+    said = _unit_of(name) or unit_of_word(below)
+    if said:
+        return said
+    finite = times[np.isfinite(times)]
+    first = float(finite[0]) if finite.size else 0.0
+    return next((u for u, size in UNITS.items() if EARLIEST <= first * size <= LATEST), 's')
+
+
+def time_column(columns: Mapping[str, Array]) -> str:
+    """Return the first column of times that change; '' where there is none."""
+    named = [name for name in columns if is_time(name)]
+    changing = [name for name in named if np.unique(columns[name][:2]).size > 1]
+    return next(iter([*changing, *named]), '')
+
+
+def seconds_of(cell: str) -> float | None:
+    """Return the seconds of a date with a time (since 1970), or of a time of day; else None."""
+    cell = cell.strip()
+    if ':' not in cell:
+        return None
+    if found := CLOCK.fullmatch(cell):
+        hours, minutes, seconds = found.groups()
+        return 3600.0 * int(hours or 0) + 60.0 * int(minutes) + float(seconds.replace(',', '.'))
+    date = DATE.fullmatch(cell)
+    if date is None:
+        return None
+    if date['y']:
+        year, month, day = int(date['y']), int(date['m']), int(date['d'])
+    else:
+        day, month, year = int(date['a']), int(date['b']), int(date['c'])
+        if month > 12:
+            day, month = month, day
+    try:
+        midnight = datetime(year, month, day, tzinfo=timezone.utc)
+    except ValueError:
+        return None
+    zone = date['zone'] or 'Z'
+    if zone[0] in '+-':
+        ahead = timedelta(hours=int(zone[1:3]), minutes=int(zone[-2:]))
+        midnight -= ahead if zone[0] == '+' else -ahead
+    hours, minutes, *rest = date['time'].split(':')
+    of_day = 3600.0 * int(hours) + 60.0 * int(minutes)
+    of_day += float(rest[0].replace(',', '.')) if rest else 0.0
+    return (midnight - EPOCH).total_seconds() + of_day
+
+
+def is_table(path: Path) -> bool:
+    """Say whether a path is that of a table: a file that is no bag."""
+    suffix = path.suffix.lower()
+    return suffix in READERS or (suffix not in BAGS and path.is_file())
+
+
+SPREADSHEETS = ('.xlsx', '.xlsm')
+READERS: dict[str, Callable[[Path], Table]] = {
+    '.csv': _read_text,
+    '.tsv': _read_text,
+    '.txt': _read_text,
+    '.dat': _read_text,
+    **dict.fromkeys(SPREADSHEETS, _read_text),
+    '.mat': _read_mat,
+    '.json': _read_json,
+}

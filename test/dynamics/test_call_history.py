@@ -1,0 +1,84 @@
+"""Results do not depend on what a process did before, bit for bit."""
+
+from __future__ import annotations
+
+import hashlib
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from denoc_ros.dynamics.natural_modes import independent_joints, mechanism_modes
+from denoc_ros.dynamics.robot import Robot, load_robot
+from denoc_ros.types import Array
+
+Verb = Callable[[Robot, Array, Array, Array], Any]
+ROBOTS = {'ssrms': 'tool', 'five_bar_ffff': 'link_2'}
+TIMEOUT = 550.0  # s, with kernels to compile on a loaded machine
+
+
+def verbs(frame: str) -> dict[str, Verb]:
+    """Return calls of the verbs at a closed state and a motion."""
+    loads = {frame: (3.0, -2.0, 1.0, 0.1, 0.2, 0.3)}
+    return {
+        'inverse': lambda r, q, qd, x: r.inverse_dynamics(q, qd, x, loads),
+        'forward': lambda r, q, qd, x: r.forward_dynamics(q, qd, x),
+        'hybrid': lambda r, q, qd, x: r.hybrid_dynamics(q, qd, x[r.joint_indices]),
+        'inertia': lambda r, q, qd, x: r.inertia_matrix(q),
+        'energy': lambda r, q, qd, x: r.energy(q, qd),
+        'momentum': lambda r, q, qd, x: r.momentum(q, qd),
+        'pose': lambda r, q, qd, x: r.frame_pose(frame, q),
+        'motion': lambda r, q, qd, x: r.frame_motion(frame, q, qd, x),
+        'deflection': lambda r, q, qd, x: r.static_deflection(q[r.joint_indices], loads),
+        'stiffness': lambda r, q, qd, x: r.natural_modes(q, held=True),
+        'mechanism modes': lambda r, q, qd, x: mechanism_modes(r, q, independent_joints(r, q)),
+        'linear model': lambda r, q, qd, x: vars(r.linearize(q, outputs=('joints',))).values(),
+        'closure': lambda r, q, qd, x: r.closure_jacobian(q),
+        'constrained': lambda r, q, qd, x: r.constrained_forward_dynamics(q, qd, x),
+        'derivatives': lambda r, q, qd, x: r.inverse_dynamics_derivatives(q, qd, x, loads),
+        'forward derivatives': lambda r, q, qd, x: r.forward_dynamics_derivatives(q, qd, x),
+        'constrained derivatives': lambda r, q, qd, x: r.constrained_forward_dynamics_derivatives(
+            q, qd, x
+        ),
+    }
+
+
+def digest(found: Any) -> str:
+    """Return a digest of all numbers of a result."""
+    parts = [found] if isinstance(found, np.ndarray) else list(found)
+    numbers = [np.asarray(part) for part in parts]
+    return hashlib.sha256(b''.join(each.tobytes() for each in numbers)).hexdigest()
+
+
+def call_all(path: str, frame: str, order: int) -> None:
+    """Print a digest of each verb's result; called in order, or from the last."""
+    robot = load_robot(path)
+    rng = np.random.default_rng(7)
+    q = robot.assemble(rng.uniform(-0.05, 0.05, robot.n))
+    qd = robot.assemble_rates(q, rng.uniform(-0.1, 0.1, robot.n))
+    x = rng.uniform(-1.0, 1.0, robot.n)
+    for name, verb in list(verbs(frame).items())[::order]:
+        print(name, digest(verb(robot, q, qd, x)))
+
+
+@pytest.mark.parametrize('name', ROBOTS)
+def test_results_do_not_depend_on_earlier_calls(repository: Path, name: str) -> None:
+    path = repository / 'config' / 'robots' / f'{name}.urdf'
+    found = []
+    for order in ('1', '-1'):
+        done = subprocess.run(
+            [sys.executable, __file__, str(path), ROBOTS[name], order],
+            timeout=TIMEOUT, capture_output=True, text=True, check=False,
+        )  # fmt: skip
+        assert done.returncode == 0, done.stderr
+        found.append(dict(line.rsplit(' ', 1) for line in done.stdout.splitlines()))
+    assert len(found[0]) == len(verbs(''))
+    assert found[0] == found[1]
+
+
+if __name__ == '__main__':
+    call_all(sys.argv[1], sys.argv[2], int(sys.argv[3]))
