@@ -15,7 +15,7 @@ from typing import Any
 
 from tqdm import tqdm
 
-from denoc_ros.cli.interrupts import deferred_interrupts, is_made_by_interrupt
+from denoc_ros.cli.interrupts import deferred_interrupts, is_made_by_interrupt, noted_interrupts
 from denoc_ros.errors import ConfigError, DenocError
 from denoc_ros.reports.text_table import Row
 from denoc_ros.runtime.realtime import SINGLE_THREADED
@@ -257,7 +257,8 @@ def _client(workers: WorkerConfig, tasks: int) -> Iterator[Any]:
 
 def _required(module: str) -> Any:
     try:
-        return import_module(module)
+        with noted_interrupts():
+            return import_module(module)
     except ImportError as error:
         raise ConfigError(
             'denoc_ros[cluster]',

@@ -10,10 +10,12 @@ import os
 import signal
 import sys
 from collections.abc import Sequence
+from contextlib import nullcontext
 from pathlib import Path
 from typing import NoReturn
 
-from denoc_ros.cli.interrupts import interrupt, is_made_by_interrupt
+from denoc_ros.cli.exit_statuses import BAD_INPUT, INTERRUPTED
+from denoc_ros.cli.interrupts import interrupt, is_made_by_interrupt, noted_interrupts
 from denoc_ros.cli.verbs import ACTIONS, BAD_INPUT, DEFAULT_ACTION, INTERRUPTED, STUDIES, VERBS
 from denoc_ros.errors import DenocError
 
@@ -91,7 +93,9 @@ def _execute(arguments: list[str], is_process: bool) -> int:
     """Run the verb that the arguments name; errors are messages."""
     verb = arguments[0] if arguments else ''
     try:
-        args = build_parser(arguments).parse_args(arguments)
+        with noted_interrupts() if is_process else nullcontext():
+            parser = build_parser(arguments)
+        args = parser.parse_args(arguments)
         from denoc_ros.reports.provenance import command_line
 
         args.command, args.is_process = command_line(arguments), is_process

@@ -74,6 +74,25 @@ def test_an_interrupt_in_code_from_a_string_is_one_like_any(tmp_path: Path, verb
     assert (run.returncode, run.stderr) == (130, f'denoc {verb}: interrupted\n')
 
 
+def test_an_interrupt_that_an_import_swallows_ends_the_command(tmp_path: Path) -> None:
+    (tmp_path / 'swallowing.py').write_text(
+        'import importlib, signal, sys\n'
+        'from denoc_ros.cli import main as frame\n'
+        'importing = importlib.import_module\n'
+        'def swallow(name):\n'
+        '    try:\n'
+        '        signal.raise_signal(signal.SIGINT)\n'
+        '    except BaseException:\n'
+        '        pass\n'
+        '    return importing(name)\n'
+        'importlib.import_module = swallow\n'
+        'sys.exit(frame.main())\n'
+    )
+    command = [sys.executable, '-m', 'swallowing', 'check', 'robot']
+    run = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=120)
+    assert (run.returncode, run.stderr) == (130, 'denoc check: interrupted\n')
+
+
 def test_status_of_a_verb_is_the_exit_status(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, 'denoc_ros.cli.check', fake_verb(lambda _args: 2))
     assert frame.main(['check']) == 2

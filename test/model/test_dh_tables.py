@@ -66,6 +66,14 @@ def test_committed_robots_are_what_the_command_makes(
     assert load_tree(committed).warnings == ()
 
 
+def test_a_table_that_is_not_here_is_that_of_the_installed_package(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert run_command('dh/puma.yaml', '-o', 'made.urdf') == 0
+    assert Path('made.urdf').read_text() == (CONFIG / 'robots' / 'puma.urdf').read_text()
+
+
 def joint_transform(joint: Joint | None, q: float) -> Array:
     transform = np.eye(4)
     assert joint is not None
