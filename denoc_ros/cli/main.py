@@ -14,7 +14,6 @@ from contextlib import nullcontext
 from pathlib import Path
 from typing import NoReturn
 
-from denoc_ros.cli.exit_statuses import BAD_INPUT, INTERRUPTED
 from denoc_ros.cli.interrupts import interrupt, is_made_by_interrupt, noted_interrupts
 from denoc_ros.cli.verbs import ACTIONS, BAD_INPUT, DEFAULT_ACTION, INTERRUPTED, STUDIES, VERBS
 from denoc_ros.errors import DenocError

@@ -316,7 +316,7 @@ def _posture_row(
     bad = [mode for mode in asked if mode['verdict'] not in usable]
     if bad or not asked:
         said = ', '.join(f'{mode["frequency_hz"]:.4g} Hz: {mode["verdict"]}' for mode in bad)
-        is_doubtful = bad and all(mode['verdict'] == DOUBTFUL for mode in bad)
+        is_doubtful = bad and all(mode['verdict'] in USABLE for mode in bad)
         hint = ': --doubtful takes them' if is_doubtful else ''
         raise IdentificationError(
             f'{path}: modes must be {" or ".join(usable)}, got {said or "none"}{hint}'
