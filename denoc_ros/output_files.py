@@ -1,15 +1,21 @@
-"""Files that appear whole or not at all, and never over one that must not be replaced."""
+"""Files that appear whole or not at all; values for YAML and JSON."""
 
 from __future__ import annotations
 
+import math
 import os
 import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from denoc_ros.errors import BagError, ConfigError, DenocError
+
+Document = dict[str, Any]  # of plain values, as JSON and YAML have them
 
 
 def require_new(*files: Path | None) -> None:
@@ -74,3 +80,18 @@ def write_new(file: Path, text: str) -> None:
     """Write a text file; BagError where it exists, ConfigError where it cannot be written."""
     require_new(file)
     write_text(file, text)
+
+
+def plain(value: Any) -> Any:
+    """Return a value of types that YAML and JSON have; a number that is not finite is None."""
+    if isinstance(value, np.ndarray):
+        return [plain(entry) for entry in value.tolist()]
+    if isinstance(value, np.generic):
+        return plain(value.item())
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, Mapping):
+        return {str(key): plain(entry) for key, entry in value.items()}
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return [plain(entry) for entry in value]
+    return value

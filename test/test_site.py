@@ -187,3 +187,11 @@ def test_formulas_are_mathml_and_words_can_be_searched(site: Path) -> None:
     index = (site / 'searchindex.js').read_text('utf-8')
     assert 'foreshorten' in index
     assert 'inverse_dynamics' in index
+
+
+def test_settings_that_rosdoc2_runs_from_its_own_find_their_folder(tmp_path: Path) -> None:
+    home = ROOT / 'docs' / 'site'
+    lines = f'exec(open("{home}/conf.py").read())\nprint(HERE)\n'
+    (tmp_path / 'conf.py').write_text(lines, encoding='utf-8')
+    run = subprocess.run([sys.executable, 'conf.py'], cwd=tmp_path, capture_output=True, text=True)
+    assert (run.stdout, run.stderr) == (f'{home}\n', '')

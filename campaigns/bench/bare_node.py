@@ -29,8 +29,8 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 
+from denoc_ros.nodes.middleware import use_sockets
 from denoc_ros.nodes.process import SWITCH_INTERVAL
-from denoc_ros.nodes.sockets import use_sockets
 from denoc_ros.runtime.timing import RealtimeLoop
 
 NEWEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)

@@ -1,6 +1,6 @@
 """Motions in minimum time against a single factor, and rigid ones against TOPP-RA.
 
-Prints tables: `python -m bench.fastest [PATHS]`.
+Prints tables: `python -m bench.fastest [PATHS] [ROBOT ...]`.
 """
 
 from __future__ import annotations
@@ -10,10 +10,8 @@ import time
 from typing import Any
 
 import numpy as np
-import toppra
 from control_runs import ROBOTS, cycloid
-from scipy.interpolate import CubicSpline
-from toppra import algorithm, constraint
+from timed_paths import SHARES, rigid_arm
 
 import denoc_ros as dn
 from denoc_ros.control.limit_rows import LimitRows, motion_limits
@@ -67,44 +65,25 @@ def flexible(name: str, paths: int) -> None:
     print(f'{name}: median {100.0 * np.median(saved):.1f} % less')
 
 
-def rigid(paths: int) -> None:
-    """Print the ratio of the UR10's durations to TOPP-RA's."""
-    robot = dn.load_robot(ROBOTS / 'ur10.urdf')
-    joints = [body.joint for body in robot.tree.bodies if body.joint is not None]
-    effort = np.array([0.4, 0.5, 0.5, 0.1, 0.1, 0.1]) * [j.limits.effort for j in joints]
-    velocity = np.array([joint.limits.velocity for joint in joints])
-    times = np.linspace(0.0, 5.0, 401)
-    share = cycloid(np.zeros(1), np.ones(1), 5.0)(times)[:, 0]
-    ratios, worst = [], 0.0
-    for seed in range(paths):
-        way = np.random.default_rng(seed).uniform(-1.0, 1.0, (5, 6))
-        path = CubicSpline(np.linspace(0.0, 1.0, 5), way)(share)
-        plan = dn.shape_motion(robot, times, path, effort=effort, time='minimum')
-        assert plan.limits is not None
-        worst = max(worst, *plan.limits.largest.values())
-        limits = [
-            constraint.JointVelocityConstraint(np.stack([-velocity, velocity], 1)),
-            constraint.JointTorqueConstraint(
-                robot.inverse_dynamics,
-                np.stack([-effort, effort], 1),
-                np.zeros(6),
-                discretization_scheme=constraint.DiscretizationType.Interpolation,
-            ),
-        ]
-        theirs = algorithm.TOPPRA(
-            limits,
-            toppra.SplineInterpolator(np.linspace(0.0, 1.0, 5), way),
-            np.linspace(0.0, 1.0, 401),
-        ).compute_trajectory(0, 0)
-        ratios.append(float(plan.t[-1] / theirs.duration))
-    print(
-        f'UR10, {paths} paths, over TOPP-RA: median {np.median(ratios):.4f}, '
-        f'{min(ratios):.4f} to {max(ratios):.4f}; largest share of a limit {worst:.4f}'
-    )
+def rigid(name: str, paths: int) -> None:
+    """Print the ratio of durations to TOPP-RA's, without friction and with it."""
+    for friction in (False, True):
+        arm = rigid_arm(name, friction)
+        plans = [arm.fastest(seed) for seed in range(paths)]
+        ratios = [plan.t[-1] / arm.toppra_duration(seed) for seed, plan in enumerate(plans)]
+        worst = max(arm.largest_share(plan) for plan in plans)
+        print(
+            f'{name}, {paths} paths, {"with" if friction else "without"} friction, over TOPP-RA: '
+            f'median {np.median(ratios):.4f}, {min(ratios):.4f} to {max(ratios):.4f}; largest '
+            f"share of a limit by Pinocchio's torques {worst:.4f}",
+            flush=True,
+        )
 
 
 if __name__ == '__main__':
     count = int(sys.argv[1]) if len(sys.argv) > 1 else 20
-    rigid(count)
-    for arm in sys.argv[2:] or STARTS:
-        flexible(arm, count)
+    for each in sys.argv[2:] or (*SHARES, *STARTS):
+        if each in SHARES:
+            rigid(each, count)
+        else:
+            flexible(each, count)

@@ -13,6 +13,7 @@ import tempfile
 import time
 from pathlib import Path
 
+from denoc_ros.reports.text_table import Row
 from denoc_ros.runtime.realtime import SINGLE_THREADED
 
 # as the workers have it; numpy reads it when it is imported
@@ -20,8 +21,9 @@ os.environ.update(SINGLE_THREADED)
 
 import numpy as np
 
-from denoc_ros.cli.batch import FAILURE, Row, WorkerConfig
-from denoc_ros.cli.identify_folder import identify_all
+from denoc_ros.cli.batch import FAILURE, WorkerConfig
+from denoc_ros.cli.identify_records import MODAL, decay_options
+from denoc_ros.cli.identify_rows import identify_all
 from denoc_ros.cli.main import build_parser
 from denoc_ros.studies.synthetic import Defects, Truth, synthetic_decay
 
@@ -47,7 +49,7 @@ def measure(paths: list[Path], workers: WorkerConfig) -> tuple[float, float, lis
     """Return elapsed and processor time per record [s], and the rows."""
     args = build_parser(['identify', 'modal']).parse_args(['identify', 'modal', 'folder'])
     before, began = sum(os.times()[:4]), time.perf_counter()
-    rows = identify_all(args, paths, workers)
+    rows = identify_all(MODAL, decay_options(args), paths, workers)
     elapsed = time.perf_counter() - began
     assert not any(row[FAILURE] for row in rows), rows[0][FAILURE]
     return elapsed / len(paths), (sum(os.times()[:4]) - before) / len(paths), rows

@@ -20,12 +20,11 @@ from mcap.reader import make_reader
 from numpy.typing import NDArray
 from ros_domains import claimed_domain
 
-from denoc_ros.cli.config import SessionConfig
+from denoc_ros.cli.config import REAL, SessionConfig
 from denoc_ros.cli.processes import Processes
 from denoc_ros.cli.progress import Progress
 from denoc_ros.cli.session import STOP_ORDER, Session, Task
 from denoc_ros.cli.session_file import SessionFile
-from denoc_ros.cli.time_modes import REAL
 from denoc_ros.cli.up import new_folder
 from denoc_ros.dynamics.robot import load_robot
 from denoc_ros.errors import DenocError

@@ -20,7 +20,7 @@ import denoc_ros as dn
 from denoc_ros.control.asked_motion import AskedMotion
 from denoc_ros.control.carried_out import carry_out, planned
 from denoc_ros.control.plan import Plan
-from denoc_ros.simulation.path import Circle, follow
+from denoc_ros.simulation.reference import Circle, follow
 from denoc_ros.types import Array
 
 CIRCLE = Circle('tool', np.array([0.25, 0.1443, 0.0]), 0.06, 1.0)

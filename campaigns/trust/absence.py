@@ -35,9 +35,9 @@ def publisher(rate: float, priority: int, file: Path) -> None:
     from sensor_msgs.msg import JointState
 
     from denoc_ros.bags.joint_state import JointStateMessage
-    from denoc_ros.nodes.base import STATE
+    from denoc_ros.nodes.messages import STATE
+    from denoc_ros.nodes.middleware import use_sockets
     from denoc_ros.nodes.process import SWITCH_INTERVAL
-    from denoc_ros.nodes.sockets import use_sockets
     from denoc_ros.runtime.timing import RealtimeLoop
 
     told: list[int] = []

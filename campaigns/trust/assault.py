@@ -30,11 +30,11 @@ from trust.adversary import SEQUENCE, WORDS, interface, leaves
 from trust.attacks import Attack, Inventory, Step, adversary
 from trust.siege_gauges import DEAD, FEEDBACK
 from trust.siege_payload import MOVES, RESTS, SETTLED
-from trust.siege_scenes import FALLEN_SILENT
-from trust.siege_stage import ANSWER, FEED, SiegeStage
+from trust.siege_scenes import FALLEN_SILENT, FEED
+from trust.siege_stage import ANSWER, SiegeStage
 from trust.sockets import attack_page
 
-from denoc_ros.cli.kernels_ahead import HEAVY, all_kernels
+from denoc_ros.cli.warmup import HEAVY, all_kernels
 from denoc_ros.kernels.cache import SUFFIX
 from denoc_ros.trajectories import SplineTrajectory
 
@@ -171,6 +171,7 @@ class Assault:
         kind = 'rcl_interfaces/srv/SetParameters'
         self._ask(node, f'/{node}/set_parameters', kind, SetParameters.Request(parameters=[use]))
         publisher = self.stage.publisher('/clock', Clock)
+        self.stage.witness.excuse_clock()
         for _ in range(attack['count']):
             publisher.publish(rng.message('rosgraph_msgs/Clock'))
             self._count(node, 'messages')

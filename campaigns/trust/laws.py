@@ -59,6 +59,9 @@ class TorqueLedger:
         Largest change from one message to the next.
     pauses : list of Span
         Without torque for more than two periods, not judged yet.
+    lull : float
+        s that torque may pause in addition: a simulated clock stands between two of its messages;
+        the torque of all periods until the next leaves at once when that comes.
     """
 
     limits: NDArray[np.float64]
@@ -70,9 +73,13 @@ class TorqueLedger:
     pauses: list[Span] = field(default_factory=list)
     broken: list[str] = field(default_factory=list)
     anew: list[Span] = field(default_factory=list)  # in which torque may begin anew
-    _last: tuple[int, int, NDArray[np.float64]] | None = None
+    clock_set: list[Span] = field(default_factory=list)  # in which simulated time is set
+    lull: float = 0.0
+    _last: tuple[int, int, NDArray[np.float64], int] | None = None
 
-    def take(self, sent_ns: int, number: int, effort: NDArray[np.float64]) -> None:
+    def take(
+        self, sent_ns: int, number: int, effort: NDArray[np.float64], tick_ns: int = 0
+    ) -> None:
         """Judge a message.
 
         Parameters
@@ -82,6 +89,8 @@ class TorqueLedger:
         number : int
             Its publisher's count of messages, from 1.
         effort : (n,) array
+        tick_ns : int
+            The moment of simulated time that it is for, 0 in real time.
         """
         self.count += 1
         if effort.shape != self.limits.shape or not np.isfinite(effort).all():
@@ -91,14 +100,24 @@ class TorqueLedger:
             return
         if (np.abs(effort) > self.limits).any():
             self._break(f'torque must be within {self.limits.tolist()}, got {effort.tolist()}')
-        before, self._last = self._last, (sent_ns, number, effort)
+        before, self._last = self._last, (sent_ns, number, effort, tick_ns)
         if before is None or number <= 1:
             return
         span = Span(before[0], sent_ns)
-        if span.seconds > PERIODS / self.rate + TIMER:
+        if span.seconds > PERIODS / self.rate + self.lull + TIMER:
             self.pauses.append(span)
         if number == before[1] + 1:
             self._compare(span, effort - before[2])
+            self._count_periods(span, before[3], tick_ns)
+
+    def _count_periods(self, span: Span, before: int, now: int) -> None:
+        """Hold simulated time [ns] from one message to the next to one period."""
+        periods = round(1e-9 * (now - before) * self.rate)
+        if periods > 1 and not any(span.meets(each) for each in [*self.anew, *self.clock_set]):
+            self._break(
+                f'each period of simulated time must have its torque, got {periods} from '
+                f'{before} to {now} ns, sent at {span.begin} and {span.end}'
+            )
 
     def _compare(self, span: Span, change: NDArray[np.float64]) -> None:
         largest = float(np.abs(change).max())

@@ -192,7 +192,7 @@ class Mending:
 
         def asked_again() -> bool:
             now = time.perf_counter()
-            if stage.witness.following() and acts():
+            if stage.witness.following(stage.now_ns()) and acts():
                 return True
             if now - asked[0] > 0.2:
                 asked[0] = now

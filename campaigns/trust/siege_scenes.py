@@ -14,6 +14,8 @@ from trust.siege_payload import BOUNDS, KNOWN, MIDDLE, PAYLOAD, stiff_arm
 CONFIG = Path(__file__).resolve().parents[2] / 'config' / 'robots'
 NODES = ('feedforward', 'predictor', 'plant', 'recorder', 'viewer')
 RATE, SLOW_RATE = 500.0, 100.0  # Hz of the feedforward's loop, and of predictor and plant
+FEED = 100.0  # Hz of joint states, and of the clock of simulated time
+READING = 0.25  # s: simulated time waits for long messages, which real time reads beside the loop
 PRIORITY = 40
 SENSORS = {
     '/strain': 'std_msgs/msg/Float64',
@@ -103,6 +105,11 @@ class Scene:
     def adapts(self) -> bool:
         """Whether the robot swings and rests, and the predictor adapts to its payload."""
         return 'adapt' in self.more.get('predictor', {})
+
+    @property
+    def lull(self) -> float:
+        """Return for how long torque may pause because simulated time stands [s]."""
+        return 1.0 / FEED + READING if self.factor else 0.0
 
     @property
     def nodes(self) -> tuple[str, ...]:

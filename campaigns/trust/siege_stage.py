@@ -37,16 +37,15 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from trust.adversary import interface
 from trust.siege_gauges import Gauges
 from trust.siege_payload import Estimates, Swing
-from trust.siege_scenes import PRIORITY, RATE, Scene
+from trust.siege_scenes import FEED, PRIORITY, RATE, Scene
 from trust.stage import FEED_PRIORITY, StageError, StageProcesses, stamp
 from trust.witness import DEEP, Witness
 
 from denoc_ros.cli.node_parameters import write_parameters
 from denoc_ros.kernels.cache import cache_folder
-from denoc_ros.nodes.session_client import time_message
+from denoc_ros.nodes.messages import time_message
 from denoc_ros.runtime.realtime import make_thread_timely
 
-FEED = 100.0  # Hz of joint states
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 LOOK = 0.02  # s between two looks of the witness
 DUMP = 5.0  # s that printing the threads may take

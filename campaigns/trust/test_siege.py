@@ -11,6 +11,7 @@ import threading
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from time import perf_counter
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -239,6 +240,18 @@ def test_a_pause_is_excused_by_the_systems_absence_only() -> None:
     assert not unexplained(pause, 0.004, 0.006)
 
 
+def test_in_simulated_time_each_period_has_its_torque_and_the_clock_may_stand_between() -> None:
+    held, still = ledger(), np.zeros(2)
+    held.lull, held.clock_set = 0.01, [Span(50_000_000, 82_000_000)]
+    for number, moment in enumerate([0, 2, 4, 8, 900, 10, 12], start=1):  # ms; set ahead, back
+        held.take(12_000_000 * number, number, still, 1_000_000 * moment)
+    (law,) = held.told()
+    assert 'each period of simulated time must have its torque, got 2' in law
+    assert not held.pauses
+    held.take(12_000_000 * 9, 8, still, 14_000_000)
+    assert [pause.seconds for pause in held.pauses] == pytest.approx([0.024])
+
+
 def life(memory: Callable[[float], float], files: Callable[[float], int]) -> Life:
     told = Life('plant', 1)
     for second in range(600):
@@ -310,6 +323,16 @@ def test_what_explains_a_pause_is_kept_until_it_is_judged(
     told.settle()
     assert not told._bare
     assert not told._excused
+
+
+def test_torque_that_catches_up_with_a_clock_that_was_set_does_not_follow_yet(
+    tmp_path: Path,
+) -> None:
+    told, second = witness(tmp_path), 1_000_000_000
+    told._goal, told._position, told._at = (0.0, 0.0), np.zeros(2), perf_counter()
+    told._is_simulated, told._tick_ns = True, 4 * second
+    assert told.following(4 * second)
+    assert not told.following(1064 * second)
 
 
 # ---- mending

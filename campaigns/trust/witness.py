@@ -54,6 +54,8 @@ class Witness:
         self._goal, self._folder, self._slack, self._relay = scene.goal, folder, slack, relay
         limits = np.array(scene.limits)
         self.efforts, self.commands = (TorqueLedger(limits, scene.delta, RATE) for _ in range(2))
+        self._is_simulated = scene.factor > 0.0
+        self.efforts.lull = scene.lull
         self.lives: dict[int, Life] = {}
         self.pauses: list[tuple[float, float, float]] = []
         self._excused: list[Span] = []
@@ -63,6 +65,7 @@ class Witness:
         self._measured = {'bare': 0, 'meter': 0}  # ns up to which each has spoken
         self._position = np.empty(0)
         self._at = 0.0
+        self._tick_ns = 0
         self._lock = threading.Lock()
         # no executor serves it: what is taken by hand has the time it left and its number
         self.node = Node('witness', use_global_arguments=False)
@@ -80,16 +83,23 @@ class Witness:
             for message, sent_ns, number in taken(self._effort):
                 self._at = time.perf_counter()
                 self._position = np.array(message.position)
-                self.efforts.take(sent_ns, number, np.array(message.effort))
+                self._tick_ns = stamp_of(message) if self._is_simulated else 0
+                self.efforts.take(sent_ns, number, np.array(message.effort), self._tick_ns)
             for message, sent_ns, number in taken(self._command):
                 self._relay(message)
                 self.commands.take(sent_ns, number, np.array(message.data))
 
-    def following(self) -> bool:
-        """Say whether the newest torque is fresh and along the reference."""
+    def following(self, now_ns: int) -> bool:
+        """Say whether the newest torque is fresh and along the reference.
+
+        In simulated time it is for now [ns] as well: a clock that was set may take seconds to be
+        caught up with.
+        """
         position = self._position
+        is_for_now = not self._is_simulated or abs(self._tick_ns - now_ns) < 1e9 * FRESH
         return (
-            time.perf_counter() - self._at < FRESH
+            is_for_now
+            and time.perf_counter() - self._at < FRESH
             and position.shape == (len(self._goal),)
             and bool(np.abs(position - self._goal).max() < NEAR)
         )
@@ -104,6 +114,10 @@ class Witness:
         for ledger in (self.efforts, self.commands):
             ledger.anew.append(self._excused[-1])
 
+    def excuse_clock(self) -> None:
+        """Let simulated time jump from now until :meth:`settle`."""
+        self.efforts.clock_set.append(Span(time.time_ns()))
+
     def await_clock(self, begin: int, end: int, period: float) -> None:
         """Count time [ns] without a clock message, beyond its period [s], as absence."""
         if (late := 1e-9 * (end - begin) - period) > TIMER:
@@ -113,11 +127,12 @@ class Witness:
     def settle(self) -> None:
         """Say that all is as before; forget what is long past."""
         now = time.time_ns()
-        for span in self._excused:
+        for span in [*self._excused, *self.efforts.clock_set]:
             span.end = min(span.end, now)
         # mending may take minutes: a pause that is yet to be judged takes what was then
         past = min([now - LONG_PAST, *(pause.begin for pause in self.efforts.pauses)])
-        for spans in (self._excused, self.efforts.anew, self.commands.anew, self._bare):
+        anew = self.efforts.anew, self.commands.anew, self.efforts.clock_set
+        for spans in (self._excused, *anew, self._bare):
             spans[:] = [span for span in spans if span.end > past]
         with self._lock:
             self._waits = [wait for wait in self._waits if wait[0].end > past]
@@ -145,7 +160,8 @@ class Witness:
             own = max(bare, sum(s for name, s in waits if name == 'feedforward'))
             every = max(bare, sum(s for _, s in waits))
             self.pauses.append((pause.seconds, own, every))
-            if unexplained(pause, PERIODS / RATE + self._slack, every):
+            allowed = PERIODS / RATE + self.efforts.lull + self._slack
+            if unexplained(pause, allowed, every):
                 broken.append(
                     f'feedforward: torque must not pause over {PERIODS:g} periods beyond the '
                     f"system's own absence, got {1e3 * pause.seconds:.1f} ms at {pause.begin} "
@@ -199,6 +215,12 @@ class Witness:
         whole = text[: text.rfind('\n') + 1]
         self._offsets[name] = self._offsets.get(name, 0) + len(whole)
         return whole.splitlines()
+
+
+def stamp_of(message: Any) -> int:
+    """Return the stamp of a message's header [ns]."""
+    stamp = message.header.stamp
+    return int(stamp.sec * 1_000_000_000 + stamp.nanosec)
 
 
 def taken(subscription: Any) -> Any:

@@ -84,7 +84,7 @@ class Zygote:
 def main() -> None:
     import denoc_ros as dn
     from denoc_ros.nodes import feedforward, plant, predictor, recorder, shaper, viewer
-    from denoc_ros.runtime.signals import SIGNALS
+    from denoc_ros.runtime.ending import SIGNALS
     from denoc_ros.viewer import page
 
     assert page is not None

@@ -1,17 +1,69 @@
-"""Arguments that verbs share: files, gravity, NAME=VALUE."""
+"""Arguments that verbs share: files, gravity, NAME=VALUE, `--set` and `--payload`."""
 
 from __future__ import annotations
 
+import argparse
 import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
-from denoc_ros.cli.config import find_file
+from denoc_ros.cli.config import find_file, parse_setting
 from denoc_ros.errors import ConfigError
 from denoc_ros.reports.run_files import EARTH
+from denoc_ros.settings import Parameter
 
 Value = TypeVar('Value')
+
+
+def add_json(parser: Any) -> None:
+    """Declare `--json`."""
+    parser.add_argument('--json', action='store_true', help='print JSON for machines')
+
+
+def add_repeated(parser: Any, *options: tuple[str, str]) -> None:
+    """Declare options that may be given several times: a list of texts, empty by default.
+
+    Parameters
+    ----------
+    parser : argument parser or group
+        What gets them.
+    options : (str, str)
+        Option with the form of its value, `--rename OLD=NEW`, and its help.
+    """
+    for option, text in options:
+        name, _, form = option.partition(' ')
+        parser.add_argument(name, metavar=form or None, action='append', default=[], help=text)
+
+
+def add_numbers(parser: Any, *options: tuple[str, float | None, str]) -> None:
+    """Declare options whose value is a number.
+
+    Parameters
+    ----------
+    parser : argument parser or group
+        What gets them.
+    options : (str, float or int or None, str)
+        Option with the unit of its value, `--begin S`, its default, and its help. The number is
+        an integer where the default is one.
+    """
+    for option, default, text in options:
+        name, _, unit = option.partition(' ')
+        kind = int if isinstance(default, int) else float
+        parser.add_argument(name, metavar=unit or None, type=kind, default=default, help=text)
+
+
+def add_output(parser: Any, form: str, text: str, required: bool = False) -> None:
+    """Declare `-o` and `--output`, a path that the help shows as `form`."""
+    parser.add_argument(
+        '-o', '--output', metavar=form or None, type=Path, required=required, help=text
+    )
+
+
+def add_window(group: Any, of: str) -> None:
+    """Declare `--begin` and `--end`, counted from the first of something."""
+    since = f'since the first {of} [s]'
+    add_numbers(group, ('--begin S', 0.0, since), ('--end S', math.inf, since))
 
 
 def add_gravity(
@@ -38,6 +90,13 @@ def add_gravity(
     )
 
 
+def add_setting(group: Any, row: Parameter) -> None:
+    """Declare the option of a setting that is a number; None where it is not given."""
+    unit = f' [{row.unit}]' if row.unit else ''
+    text = f'{row.text}{unit}; default: {row.default:g}'.replace('%', '%%')
+    group.add_argument(f'--{row.name.replace("_", "-")}', type=float, metavar='X', help=text)
+
+
 def add_times(group: Any) -> None:
     """Declare how the times of a table are read."""
     group.add_argument(
@@ -51,20 +110,12 @@ def add_times(group: Any) -> None:
             "unit of a table's times; default: from the column's name (time_ms, t [us]), else s"
         ),
     )
-    group.add_argument(
-        '--rate',
-        metavar='HZ',
-        type=float,
-        default=0.0,
-        help='sample rate of a table without times',
-    )
+    add_numbers(group, ('--rate HZ', 0.0, 'sample rate of a table without times'))
 
 
-def times_findings(args: Any) -> list[str]:
-    """Findings on the options that read the times of a table."""
-    if math.isfinite(args.rate) and args.rate >= 0.0:
-        return []
-    return [f'--rate must be > 0 Hz, got {args.rate}']
+def times_findings(rate: float) -> list[str]:
+    """Findings on `--rate`, the sample rate of a table [Hz]."""
+    return [] if math.isfinite(rate) and rate >= 0.0 else [f'--rate must be > 0 Hz, got {rate}']
 
 
 def add_stamp(parser: Any) -> None:
@@ -140,3 +191,56 @@ def number_range(text: str) -> tuple[float, float]:
     if not (math.isfinite(low) and math.isfinite(high) and low <= high):
         raise ValueError(text)
     return low, high
+
+
+def add_overrides(parser: argparse.ArgumentParser) -> None:
+    """Declare `--set` and `--payload`."""
+    add_repeated(
+        parser,
+        (
+            '--set PATH=VALUE',
+            'change a number of the model, such as beam.upper_arm.y.ei=9e4; repeatable',
+        ),
+        (
+            '--payload LINK=MASS[,X,Y,Z]',
+            'add a mass [kg] to a link, with its centre in the link frame [m]; repeatable',
+        ),
+    )
+
+
+def overrides_of(settings: Sequence[str], payloads: Sequence[str]) -> dict[str, Any]:
+    """Return overrides by dotted path.
+
+    Parameters
+    ----------
+    settings : sequence of str
+        `path=value` each.
+    payloads : sequence of str
+        `link=mass` or `link=mass,x,y,z` each.
+
+    Raises
+    ------
+    ConfigError
+        With every text that is neither.
+    """
+    findings: list[str] = []
+    overrides: dict[str, Any] = {}
+    for setting in settings:
+        if (parsed := parse_setting(setting, findings)) is not None:
+            overrides['.'.join(parsed[0])] = parsed[1]
+    form = 'LINK=MASS or LINK=MASS,X,Y,Z'
+    hung = named_values('--payload', payloads, form, _mass_and_centre, findings)
+    require(findings)
+    for link, (mass, *centre) in hung.items():
+        overrides[f'payload.{link}.mass'] = mass
+        if centre:
+            overrides[f'payload.{link}.com'] = centre
+    return overrides
+
+
+def _mass_and_centre(text: str) -> list[float]:
+    """Return MASS or MASS,X,Y,Z as numbers; ValueError for another text."""
+    values = [float(number) for number in text.split(',')]
+    if len(values) not in (1, 4):
+        raise ValueError(text)
+    return values

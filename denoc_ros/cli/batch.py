@@ -15,11 +15,11 @@ from typing import Any
 
 from tqdm import tqdm
 
-from denoc_ros.cli.interrupts import deferred_interrupts, is_made_by_interrupt
+from denoc_ros.cli.interrupts import deferred_interrupts, is_made_by_interrupt, noted_interrupts
 from denoc_ros.errors import ConfigError, DenocError
+from denoc_ros.reports.text_table import Row
 from denoc_ros.runtime.realtime import SINGLE_THREADED
 
-Row = dict[str, Any]
 Task = Callable[[Any], Row]
 
 STORE_EVERY = 5.0  # s between two files of rows: what an interruption loses at most
@@ -118,7 +118,7 @@ class RowStore:
         self.flush()
 
 
-def add_worker_options(parser: argparse.ArgumentParser) -> None:
+def add_worker_options(parser: Any) -> None:
     """Declare --workers and --scheduler."""
     parser.add_argument(
         '--workers',
@@ -257,7 +257,8 @@ def _client(workers: WorkerConfig, tasks: int) -> Iterator[Any]:
 
 def _required(module: str) -> Any:
     try:
-        return import_module(module)
+        with noted_interrupts():
+            return import_module(module)
     except ImportError as error:
         raise ConfigError(
             'denoc_ros[cluster]',

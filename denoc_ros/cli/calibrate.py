@@ -3,47 +3,105 @@
 from __future__ import annotations
 
 import argparse
-import json
 import math
-import sys
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 from denoc_ros.bags.series import elapsed, read_readings
 from denoc_ros.bags.tables import read_sheet
-from denoc_ros.cli.arguments import add_gravity
-from denoc_ros.cli.calibrate_mounting import run_mounting
+from denoc_ros.cli.arguments import add_gravity, add_json, add_numbers, add_output
 from denoc_ros.cli.config import find_file
-from denoc_ros.cli.exit_statuses import DOUBTFUL, NOT_IDENTIFIABLE
-from denoc_ros.cli.verbs import VERBS
-from denoc_ros.cli.written_description import write_description
+from denoc_ros.cli.verb_result import VerbResult
+from denoc_ros.cli.verbs import DOUBTFUL, NOT_IDENTIFIABLE
+from denoc_ros.dynamics.measured_side import measured_robot
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.errors import ConfigError, IdentificationError
 from denoc_ros.estimation.calibration import (
     Calibration,
     calibrate,
+    calibrate_mounting,
     calibration_paths,
     find_plateaus,
     match_levels,
+    read_motion,
     sensor_values,
 )
-from denoc_ros.model.overrides import edited_description
+from denoc_ros.model.overrides import edited_description, remounted_description
 from denoc_ros.model.sensors import wrench_field
+from denoc_ros.output_files import write_new, write_text
 
 KINDS = ('value', 'deflection', 'load')
+DESCRIPTION = (
+    'Fit value = gain raw + offset to a table, or to the plateaus of a bag; of an IMU or '
+    'accelerometer the mounting and the biases to a bag with joint states. Exit status 2: the '
+    'result is doubtful; 3: the readings do not determine it.'
+)
 
 
-def add_parser(subparsers: Any) -> None:
-    """Declare the verb's arguments."""
-    parser = subparsers.add_parser(
-        'calibrate',
-        help=VERBS['calibrate'],
-        description=(
-            'Fit value = gain raw + offset to a table, or to the plateaus of a bag; of an IMU or '
-            'accelerometer the mounting and the biases to a bag with joint states. Exit status 2: '
-            'the result is doubtful; 3: the readings do not determine it.'
-        ),
+def write_description(args: argparse.Namespace, file: Path, text: Callable[[], str]) -> str:
+    """Write a changed description to the chosen file; return its path, '' without one.
+
+    Parameters
+    ----------
+    args : argparse.Namespace
+        With `write` and `output`.
+    file : Path
+        The robot's file.
+    text : callable
+        Makes the description.
+
+    Raises
+    ------
+    ConfigError
+        Both places are chosen, or the file cannot be written.
+    BagError
+        The new file exists already.
+    """
+    target = file if args.write else args.output
+    if target is None:
+        return ''
+    if args.write and args.output is not None:
+        raise ConfigError('--write', ['only one of --write and --output must be given, got both'])
+    if args.write:
+        write_text(file, text())
+    else:
+        write_new(target, text())
+    return str(target)
+
+
+def run_mounting(args: argparse.Namespace, file: Path, robot: Robot) -> VerbResult:
+    """Fit the mounting and write it; exit status 2 with doubts."""
+    robot = measured_robot(robot)
+    try:
+        found = calibrate_mounting(
+            robot, args.sensor, *read_motion(args.readings, robot, args.sensor, args.robot)
+        )
+    except IdentificationError as error:
+        return _not_identifiable(error)
+    written = write_description(
+        args, file, lambda: remounted_description(file, args.sensor, found.rotation)
     )
+    row = {'sensor': args.sensor, **vars(found), 'written': written}
+    return VerbResult(row, _mounting_lines(row), DOUBTFUL if found.doubts else 0)
+
+
+def _mounting_lines(row: Mapping[str, Any]) -> Iterator[str]:
+    degrees = math.degrees(row['angle']), math.degrees(row['angle_error'])
+    yield f'{row["sensor"]}: turned by {degrees[0]:.3f} +- {degrees[1]:.2g} deg on its link'
+    for name, unit in (('gyro', 'rad/s'), ('accel', 'm/s^2')):
+        if row[f'{name}_residual'] > 0.0:
+            pairs = zip(row[f'{name}_bias'], row[f'{name}_bias_error'], strict=True)
+            listed = '  '.join(f'{x:.5g} +- {e:.2g}' for x, e in pairs)
+            yield f'{name}_bias   {listed} {unit}, residual {row[f"{name}_residual"]:.3g}'
+    for doubt in row['doubts']:
+        yield f'doubtful: {doubt}'
+    if row['written']:
+        yield f'written     {row["written"]}'
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Declare the verb's arguments."""
     parser.add_argument('readings', help='a CSV table (columns reference, raw), or a bag')
     parser.add_argument('--robot', required=True, help='the URDF file with the sensor')
     parser.add_argument('--sensor', required=True, help='name of the sensor')
@@ -64,20 +122,16 @@ def add_parser(subparsers: Any) -> None:
         help='references of the plateaus of a bag, in order',
     )
     add_gravity(parser)
-    parser.add_argument(
-        '--hold', type=float, default=1.0, metavar='S', help='shortest plateau [s], default 1'
-    )
-    parser.add_argument(
-        '-o', '--output', type=Path, help='write the calibrated URDF to a new file'
-    )
+    add_numbers(parser, ('--hold S', 1.0, 'shortest plateau [s], default 1'))
+    add_output(parser, '', 'write the calibrated URDF to a new file')
     parser.add_argument(
         '--write', action='store_true', help='write the calibration into the robot file itself'
     )
-    parser.add_argument('--json', action='store_true', help='print machine-readable JSON')
+    add_json(parser)
 
 
-def run(args: argparse.Namespace) -> int:
-    """Run the verb and return the exit status; errors are raised."""
+def run(args: argparse.Namespace) -> VerbResult:
+    """Fit the calibration and write it; exit status 2 with doubts, 3 without a result."""
     file = find_file(Path(args.robot), Path()) or Path(args.robot)
     robot = load_robot(file, gravity=tuple(args.gravity))
     if args.sensor in {sensor.name for sensor in robot.tree.inertial_sensors}:
@@ -89,11 +143,16 @@ def run(args: argparse.Namespace) -> int:
         wanted = sensor_values(robot, args.sensor, reference, args.reference)
         found = calibrate(raw, wanted, deviation)
     except IdentificationError as error:
-        print(f'denoc calibrate: {error}', file=sys.stderr)
-        return NOT_IDENTIFIABLE
+        return _not_identifiable(error)
     written = _write(args, file, found)
-    _show(args, found, written)
-    return DOUBTFUL if found.doubts else 0
+    row = {'sensor': args.sensor, **vars(found), 'written': written}
+    doubts = () if args.json else [f'denoc calibrate: doubtful: {one}' for one in found.doubts]
+    return VerbResult(row, _lines(row), DOUBTFUL if found.doubts else 0, doubts)
+
+
+def _not_identifiable(error: IdentificationError) -> VerbResult:
+    """Return the result of readings that do not determine a calibration."""
+    return VerbResult(None, (), NOT_IDENTIFIABLE, [f'denoc calibrate: {error}'])
 
 
 def _readings(args: argparse.Namespace, robot: Robot) -> tuple[Any, Any, float]:
@@ -157,24 +216,15 @@ def _write(args: argparse.Namespace, file: Path, found: Calibration) -> str:
     return write_description(args, file, lambda: edited_description(file, paths))
 
 
-def _show(args: argparse.Namespace, found: Calibration, written: str) -> None:
-    if args.json:
-        row = {key: _plain(value) for key, value in vars(found).items()}
-        print(json.dumps({'sensor': args.sensor, **row, 'written': written}, indent=2))
-        return
-    print(f'{args.sensor}: value = gain raw + offset, {found.points} points')
-    print(f'gain        {found.gain:.6g} +- {found.gain_error:.2g}')
-    print(f'offset      {found.offset:.6g} +- {found.offset_error:.2g}')
-    print(f'residual    {found.residual:.3g}')
-    for name, share in (('hysteresis', found.hysteresis), ('curvature', found.curvature)):
-        print(f'{name:11} {"not known" if math.isnan(share) else f"{share:.2%} of the range"}')
-    if math.isfinite(found.noise):
-        print(f'noise       {found.noise:.3g}')
-    if written:
-        print(f'written     {written}')
-    for doubt in found.doubts:
-        print(f'denoc calibrate: doubtful: {doubt}', file=sys.stderr)
-
-
-def _plain(value: Any) -> Any:
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+def _lines(row: Mapping[str, Any]) -> Iterator[str]:
+    yield f'{row["sensor"]}: value = gain raw + offset, {row["points"]} points'
+    for name in ('gain', 'offset'):
+        yield f'{name:11} {row[name]:.6g} +- {row[f"{name}_error"]:.2g}'
+    yield f'residual    {row["residual"]:.3g}'
+    for name in ('hysteresis', 'curvature'):
+        share = row[name]
+        yield f'{name:11} {"not known" if math.isnan(share) else f"{share:.2%} of the range"}'
+    if math.isfinite(row['noise']):
+        yield f'noise       {row["noise"]:.3g}'
+    if row['written']:
+        yield f'written     {row["written"]}'

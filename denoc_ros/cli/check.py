@@ -1,56 +1,51 @@
-"""`denoc check ROBOT`: validate a robot and list its parts."""
+"""`denoc check ROBOT`: parts of a robot, its frequency responses, a proposed flexibility."""
 
 from __future__ import annotations
 
 import argparse
-import json
 import math
-import sys
-from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from denoc_ros.cli.arguments import add_gravity
-from denoc_ros.cli.bode import add_bode, run_bode
+from denoc_ros.cli.arguments import add_gravity, add_json, given_file
 from denoc_ros.cli.config import find_file
-from denoc_ros.cli.postures import Posture, add_postures, read_postures
-from denoc_ros.cli.suggestion import add_suggestion, check_options, run_suggestion
-from denoc_ros.cli.verbs import VERBS
-from denoc_ros.dynamics.assembling import mobility
+from denoc_ros.cli.postures import add_postures, posture, read_postures
+from denoc_ros.cli.verb_result import VerbResult
+from denoc_ros.cli.verbs import DOUBTFUL
+from denoc_ros.dynamics.loop_response import LoopResponse, Swing, loop_response
 from denoc_ros.dynamics.robot import Robot, load_robot
-from denoc_ros.dynamics.shape_losses import shape_losses
-from denoc_ros.estimation.observability import observability
-from denoc_ros.model.tree import Beam, Body, Joint, Tree
-from denoc_ros.reports.text_table import Row, cell_text, text_table
-from denoc_ros.types import Array
+from denoc_ros.errors import ConfigError
+from denoc_ros.model.suggest.suggestion import suggest_flexibility
+from denoc_ros.output_files import write_new, write_text
+from denoc_ros.reports.bode import page
+from denoc_ros.reports.provenance import named_file, provenance
+from denoc_ros.reports.robot import (
+    robot_text,
+    suggestion_text,
+    summarize,
+    summarize_suggestion,
+)
 
-WITHOUT_ROTORS = (
-    'no rotor inertia of {}: beyond the modes of the model such a joint moves the root of a beam '
-    'only, which has none, and feedback of its rate is unstable with any delay; real gears '
-    'reflect gear ratio^2 x rotor inertia: add <actuator joint="NAME" armature="..."/>'
+PAGE = 'bode.html'
+OPTIONS = ('material', 'link', 'bandwidth', 'gears', 'output')
+DESCRIPTION = (
+    'Read a URDF with its <flexibility> block, report every finding in it, and list links, '
+    'joints, beams, natural frequencies and masses.'
 )
 
 
-def add_parser(subparsers: Any) -> None:
+def add_options(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
-    parser = subparsers.add_parser(
-        'check',
-        help=VERBS['check'],
-        description='Read a URDF with its <flexibility> block, report every finding in it, and '
-        'list links, joints, beams, natural frequencies and masses.',
-    )
     parser.add_argument('robot', help='the URDF file, in this folder or in the installed package')
     add_gravity(parser)
-    parser.add_argument('--json', action='store_true', help='print machine-readable JSON')
+    add_json(parser)
     add_postures(parser)
     add_bode(parser)
     add_suggestion(parser)
 
 
-def run(args: argparse.Namespace) -> int:
-    """Run the verb and return the exit status; errors are raised."""
+def run(args: argparse.Namespace) -> VerbResult:
+    """List the robot's parts, its frequency responses or proposed beams; errors are raised."""
     check_options(args)
     file = find_file(Path(args.robot), Path()) or args.robot
     if args.suggest:
@@ -59,309 +54,153 @@ def run(args: argparse.Namespace) -> int:
     if args.bode:
         return run_bode(args, robot)
     summary = summarize(robot, read_postures(robot, args.at))
-    if args.json:
-        print(json.dumps(summary, indent=2, allow_nan=False))
-        return 0
-    print(_as_text(summary))
-    for warning in summary['warnings']:
-        print(f'denoc check: warning: {warning}', file=sys.stderr)
-    return 0
+    warnings = [f'denoc check: warning: {warning}' for warning in summary['warnings']]
+    return VerbResult(summary, [robot_text(summary)], notes=() if args.json else warnings)
 
 
-def summarize(robot: Robot, postures: Sequence[Posture] = ()) -> Row:
-    """Return the parts of a robot as plain lists and numbers, ready for JSON.
+def add_bode(parser: argparse.ArgumentParser) -> None:
+    """Declare `--bode` and its options."""
+    group = parser.add_argument_group('would a loop ring')
+    group.add_argument(
+        '--bode',
+        action='append',
+        metavar='IN:OUT',
+        help="write a page with the frequency response from a joint's torque to a joint, a sensor "
+        'or a frame (tool, or tool/x, /y, /z, /rx, /ry, /rz), its poles and zeros; repeatable',
+    )
+    group.add_argument(
+        '--free',
+        action='store_true',
+        help='leave the other joints free; by default they are held',
+    )
 
-    Parameters
-    ----------
-    robot : Robot
-        The robot.
-    postures : sequence of Posture
-        Where natural frequencies are wanted, beside those with all coordinates zero.
 
-    Returns
-    -------
-    dict
-        `robot`, `mass_kg`, `coordinates`, `links`, `joints`, `springs`, `beams`, `shapes` (what
-        they lose at each beam's tip and where something hangs on it), `sensors`,
-        `loops` (mimic joints too), `mechanism` (what the loops leave to move, one row or none),
-        `natural_frequencies_hz` (joints held, all coordinates zero; negative: unstable),
-        `observability` (of modes and biases by sensors with noise, there), `postures` (both in
-        equilibrium at others), `without_rotors` (joints of flexible links that have no rotor
-        inertia) and `warnings`. Numbers that are infinite
-        stand as None.
+def run_bode(args: argparse.Namespace, robot: Robot) -> VerbResult:
+    """Write the page of frequency responses."""
+    pairs = _pairs(args.bode)
+    postures = read_postures(robot, args.at) or [posture(robot, [0.0] * len(robot.joint_names))]
+    ways = {
+        pair: {place.name: loop_response(robot, place.q, *pair, args.free) for place in postures}
+        for pair in pairs
+    }
+    file = Path(args.output or PAGE)
+    source = given_file(args.robot, 'robot')
+    made = provenance(args.command, {'robot': named_file(source)})
+    shown = page(ways, robot.tree.name, args.free, made)
+    write_text(file, shown.html())
+    rows = [_summary(name, way) for places in ways.values() for name, way in places.items()]
+    lines = [
+        f'{row["input"]} to {row["output"]}, joints at ({row["at"]}): {row["sentence"]}'
+        for row in rows
+    ]
+    return VerbResult({'output': str(file), 'ways': rows}, [str(file), *lines])
+
+
+def _pairs(given: list[str]) -> list[tuple[str, str]]:
+    pairs = [text.partition(':') for text in given]
+    wrong = [text for text, (a, _, b) in zip(given, pairs, strict=True) if not (a and b)]
+    if wrong:
+        findings = [f'--bode must be IN:OUT, such as joint_2:tool, got {text!r}' for text in wrong]
+        raise ConfigError('command line', findings)
+    return list(dict.fromkeys((a, b) for a, _, b in pairs))
+
+
+def _summary(name: str, way: LoopResponse) -> dict[str, Any]:
+    """Summary of one response at one posture, ready for JSON."""
+    return {
+        'input': way.input,
+        'output': way.output,
+        'at': name,
+        'rings': way.rings,
+        'sentence': way.sentence(),
+        'poles': [_swing(one) for one in way.swinging_poles],
+        'zeros': [_swing(one) for one in way.swinging_zeros],
+        'unstable_zero_rad_s': way.unstable_zero,
+    }
+
+
+def _swing(one: Swing) -> dict[str, float]:
+    return {'frequency_hz': one.frequency, 'damping_ratio': one.damping_ratio}
+
+
+def add_suggestion(parser: argparse.ArgumentParser) -> None:
+    """Declare `--suggest` and its options."""
+    group = parser.add_argument_group('a plain URDF becomes flexible')
+    group.add_argument(
+        '--suggest',
+        action='store_true',
+        help='propose beams for its links, from their inertia, joints, geometry and a material',
+    )
+    group.add_argument(
+        '--material',
+        metavar='NAME',
+        help='material: aluminium (the default), steel, titanium, magnesium, cfrp or gfrp',
+    )
+    group.add_argument(
+        '--link',
+        action='append',
+        metavar='NAME',
+        help=(
+            'make this link flexible in any case; repeatable; default: all links that bend enough'
+        ),
+    )
+    group.add_argument(
+        '--bandwidth',
+        type=float,
+        metavar='HZ',
+        help=(
+            "bandwidth of the robot's control, default 10: links with a natural frequency "
+            'below five times this become flexible, with modes up to ten times this'
+        ),
+    )
+    group.add_argument(
+        '--gears',
+        metavar='NAME',
+        help=(
+            'propose springs for its joints as well, by the effort limits, as gears of this kind '
+            'would be: strain_wave, cycloidal or planetary; an assumption'
+        ),
+    )
+    group.add_argument(
+        '-o',
+        '--output',
+        metavar='FILE',
+        help='write the URDF with its beams and springs here, a new file; with --bode, the page',
+    )
+
+
+def check_options(args: argparse.Namespace) -> None:
+    """Refuse options that only go with `--suggest` or `--bode`.
+
+    Raises
+    ------
+    ConfigError
+        With each of them.
     """
-    tree = robot.tree
-    links = [_link(body, tree.bodies) for body in tree.bodies if body.segment == 1]
-    joints = [_joint(body.joint, body.name) for body in tree.bodies if body.joint is not None]
-    springs = [row for body in tree.bodies for row in _spring(body.joint)]
-    beams = _beams([body for body in tree.bodies if body.segment == 1])
-    frequencies = robot.natural_frequencies(np.zeros(robot.n), held=True)
-    return {
-        'robot': tree.name,
-        'mass_kg': sum(link['mass_kg'] for link in links),
-        'coordinates': list(robot.coordinate_names),
-        'links': links,
-        'joints': joints,
-        'springs': springs,
-        'beams': beams,
-        'flexible': [row for body in tree.bodies for row in _components(body)],
-        'shapes': _shapes(robot),
-        'sensors': [
-            {'sensor': s.name, 'type': s.type, 'link': s.link, 'topic': s.topic}
-            for s in tree.sensors
-        ]
-        + [
-            {'sensor': s.name, 'type': s.type, 'link': s.link, 'topic': s.topic}
-            for s in tree.inertial_sensors
-        ],
-        **_mechanism(robot),
-        'natural_frequencies_hz': [float(value) for value in frequencies],
-        'observability': _observability(robot, np.zeros(robot.n)),
-        'postures': [
-            {
-                'at': [float(value) for value in posture.q[robot.joint_indices]],
-                'natural_frequencies_hz': [
-                    float(value) for value in robot.natural_frequencies(posture.q, held=True)
-                ],
-                'observability': _observability(robot, posture.q),
-            }
-            for posture in postures
-        ],
-        'without_rotors': _without_rotors(tree),
-        'warnings': list(tree.warnings),
+    given = [name for name in OPTIONS if getattr(args, name) is not None]
+    stray = [] if args.suggest else [name for name in given if name != 'output' or not args.bode]
+    findings = [f'--{name} must come with --suggest, got it alone' for name in stray]
+    if args.free and not args.bode:
+        findings.append('--free must come with --bode, got it alone')
+    if args.suggest and (args.bode or args.at):
+        findings.append('--suggest must come without --bode and --at, got both')
+    ConfigError.raise_any('command line', findings)
+
+
+def run_suggestion(args: argparse.Namespace, file: Path | str) -> VerbResult:
+    """Propose and write; exit status 2 if no link bends enough."""
+    wishes: dict[str, Any] = {'links': args.link, 'gravity': math.hypot(*args.gravity)}
+    wishes |= {
+        name: getattr(args, name)
+        for name in ('material', 'bandwidth', 'gears')
+        if getattr(args, name) is not None
     }
-
-
-def _without_rotors(tree: Tree) -> list[str]:
-    """Return the driven joints without rotor inertia whose link bends, or hangs on one that does.
-
-    At high frequency such a joint sees the root of a beam, which has no inertia.
-    """
-    found = []
-    for body in tree.bodies:
-        carrier = tree.bodies[body.attachment.body] if body.attachment.body >= 0 else None
-        bends = any(
-            each is not None and (each.beam is not None or each.modes is not None)
-            for each in (body, carrier)
-        )
-        joint = body.joint
-        if bends and joint is not None and not joint.armature and joint.mimic is None:
-            found.append(joint.name)
-    return found
-
-
-def _observability(robot: Robot, q: Array) -> list[Row]:
-    """Observability of modes and biases by the sensors at rest at q (n,)."""
-    return [
-        {
-            'state': state.name,
-            'hz': state.frequency or None,
-            'uncertainty_left': state.left,
-            'observed': 'yes' if state.observable else 'no',
-        }
-        for state in observability(robot, q)
-    ]
-
-
-def _mechanism(robot: Robot) -> Row:
-    """Return the loops and mimic joints, and the remaining degrees of freedom."""
-    if not robot.constraint_names:
-        return {'loops': [], 'mechanism': []}
-    found = mobility(robot)
-    described = {loop.name: loop for loop in robot.tree.loops}
-    loops = []
-    for constraint in found.constraints:
-        loop = described.get(constraint.name)
-        loops.append(
-            {
-                'loop': constraint.name,
-                'type': 'mimic' if loop is None else loop.type,
-                'parent': '' if loop is None else loop.parent.link,
-                'child': '' if loop is None else loop.child.link,
-                'error_at_zero': constraint.error,
-                'rows': constraint.rows,
-                'rank': constraint.rank,
-                'redundant_rows': constraint.redundant,
-            }
-        )
-    mechanism = {
-        'rows': found.rows,
-        'rank': found.rank,
-        'redundant_rows': found.rows - found.rank,
-        'degrees_of_freedom': found.degrees_of_freedom,
-        'singular': found.rank < found.usual_rank,
-        'closed_at': None if found.failure else [float(value) for value in found.q],
-        'failure': found.failure,
-    }
-    return {'loops': loops, 'mechanism': [mechanism]}
-
-
-def _joint_name(body: Body) -> str:
-    if body.floating:
-        return f'{body.floating} (floating)'
-    return '(fixed)' if body.joint is None else body.joint.name
-
-
-def _link(body: Body, bodies: Sequence[Body]) -> Row:
-    """Row of a link, from its first body and all of the robot's."""
-    rigid = sum(each.inertia.mass for each in bodies if each.link == body.name)
-    carrier = bodies[body.attachment.body] if body.attachment.body >= 0 else None
-    beam = body.beam
-    mass = rigid + (0.0 if beam is None else beam.mass_per_length * beam.whole_length)
-    mass += 0.0 if body.modes is None else body.modes.link.mass
-    return {
-        'link': body.name,
-        'on': 'base' if carrier is None else carrier.link,
-        'station_m': float(body.attachment.station + (0.0 if carrier is None else carrier.start)),
-        'joint': _joint_name(body),
-        'mass_kg': float(mass),
-        'beam_mass_kg': float(mass - rigid),
-        'modes': body.amplitudes if beam is None else beam.segments * sum(beam.modes),
-    }
-
-
-def _joint(joint: Joint, link: str) -> Row:
-    limits = joint.limits
-    mimic = joint.mimic
-    return {
-        'joint': joint.name,
-        'type': 'continuous' if joint.continuous else joint.kind.name.lower(),
-        'link': link,
-        'axis': [float(value) for value in joint.axis],
-        'lower': _finite(limits.lower),
-        'upper': _finite(limits.upper),
-        'velocity': _finite(limits.velocity),
-        'effort': _finite(limits.effort),
-        'damping': float(joint.damping),
-        'friction': float(joint.friction),
-        'armature': float(joint.armature),
-        'mimics': '' if mimic is None else mimic.leader,
-    }
-
-
-def _spring(joint: Joint | None) -> list[Row]:
-    spring = None if joint is None else joint.spring
-    if joint is None or spring is None:
-        return []
-    return [
-        {
-            'joint': joint.name,
-            'stiffness': float(spring.stiffness),
-            'damping': float(spring.damping),
-            'stiffness3': float(spring.stiffness3),
-            'backlash': float(spring.backlash),
-            'measured': spring.measured,
-            'armature': float(joint.armature),
-        }
-    ]
-
-
-def _beams(bodies: Sequence[Body]) -> list[Row]:
-    """Return the beams; their segments where one has several."""
-    found = [(body.beam, body.name) for body in bodies if body.beam is not None]
-    rows = [_beam(beam, link) for beam, link in found]
-    if any(beam.segments > 1 for beam, _ in found):
-        for row, (beam, _) in zip(rows, found, strict=True):
-            row['segments'] = beam.segments
-    if any(beam.varies for beam, _ in found):
-        for row, (beam, _) in zip(rows, found, strict=True):
-            row['numbers'] = 'means along the beam' if beam.varies else 'all along'
-    return rows
-
-
-def _components(body: Body) -> Iterator[Row]:
-    """Yield a table's row of a link with component modes."""
-    import numpy as np
-
-    if (modes := body.modes) is None:
-        return
-    link = modes.link
-    held = np.sqrt(modes.stiffness / link.modal_mass) / (2.0 * math.pi)
-    lost = [float(np.max(each)) for each in link.left_out.values()]
-    yield {
-        'link': body.name,
-        'file': modes.file.rpartition('/')[2],
-        'modes': modes.count,
-        'points': len(link.points),
-        'second_order_terms': len(link.pairs),
-        'held_hz': [float(f'{value:.6g}') for value in held],
-        'frames': ', '.join(link.frames),
-        'strain_points': len(link.strain),
-        'compliance_lost_percent': max(lost, default=None),
-        'source': link.source,
-    }
-
-
-def _beam(beam: Beam, link: str) -> Row:
-    y, z, torsion = beam.y, beam.z, beam.torsion
-    return {
-        'link': link,
-        'length_m': float(beam.whole_length),
-        'mass_per_length': float(beam.mass_per_length),
-        'ei_y': None if y is None else float(y.stiffness),
-        'modes_y': beam.modes[0],
-        'ei_z': None if z is None else float(z.stiffness),
-        'modes_z': beam.modes[1],
-        'gj': None if torsion is None else float(torsion.stiffness),
-        'modes_torsion': beam.modes[2],
-    }
-
-
-def _shapes(robot: Robot) -> list[Row]:
-    """Losses of each beam's shapes, in percent of the beam's own compliance."""
-
-    def percent(share: float | None) -> float | None:
-        return None if share is None else round(100.0 * share, 4) + 0.0
-
-    return [
-        {
-            'link': loss.link,
-            'direction': loss.direction,
-            'shape': loss.shape,
-            'modes': loss.modes,
-            'at': loss.at,
-            'station_m': float(loss.station),
-            'force_lost_percent': percent(loss.force),
-            'moment_lost_percent': percent(loss.moment),
-            'frequency_off_percent': percent(loss.frequency),
-            'remedy': loss.remedy,
-        }
-        for loss in shape_losses(robot)
-    ]
-
-
-def _finite(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None
-
-
-def _as_text(summary: Mapping[str, Any]) -> str:
-    """Return the tables for a terminal."""
-    parts = [
-        f'{summary["robot"]}: {summary["mass_kg"]:.6g} kg, '
-        f'{len(summary["coordinates"])} coordinates'
-    ]
-    tables = (
-        'links', 'joints', 'springs', 'beams', 'flexible', 'shapes', 'sensors', 'loops',
-        'mechanism',
-    )  # fmt: skip
-    for title in tables:
-        if summary[title]:
-            parts.append(f'{title}\n{text_table(summary[title])}')
-    frequencies = summary['natural_frequencies_hz']
-    if frequencies:
-        listed = '  '.join(cell_text(value) for value in frequencies)
-        parts.append(f'natural frequencies [Hz], joints held at zero\n  {listed}')
-    if summary['observability']:
-        parts.append(f'observability, joints held at zero\n{text_table(summary["observability"])}')
-    for posture in summary['postures']:
-        at = ', '.join(f'{value:g}' for value in posture['at'])
-        listed = '  '.join(cell_text(value) for value in posture['natural_frequencies_hz'])
-        parts.append(
-            f'natural frequencies [Hz], joints held at ({at}), in equilibrium\n  {listed}'
-        )
-        if posture['observability']:
-            table = text_table(posture['observability'])
-            parts.append(f'observability, joints held at ({at}), in equilibrium\n{table}')
-    if summary['without_rotors']:
-        parts.append(WITHOUT_ROTORS.format(', '.join(summary['without_rotors'])))
-    return '\n\n'.join(parts)
+    suggestion = suggest_flexibility(file, **wishes)
+    robot = load_robot(suggestion.text, gravity=tuple(args.gravity))
+    row = summarize_suggestion(suggestion, robot)
+    proposed = bool(suggestion.springs) or any(beam.worth for beam in suggestion.beams)
+    if args.output and proposed:
+        write_new(Path(args.output), suggestion.text)
+        row['written'] = args.output
+    warnings = [f'denoc check: warning: {warning}' for warning in robot.tree.warnings]
+    return VerbResult(row, [suggestion_text(row)], 0 if proposed else DOUBTFUL, warnings)

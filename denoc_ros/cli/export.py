@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import argparse
-import json
-import sys
-from pathlib import Path
+from collections.abc import Iterator
 from typing import Any
 
-from denoc_ros.cli.arguments import add_gravity, given_file
-from denoc_ros.cli.overrides import add_overrides, overrides_of
+from denoc_ros.cli.arguments import (
+    add_gravity,
+    add_json,
+    add_numbers,
+    add_output,
+    add_overrides,
+    given_file,
+    overrides_of,
+)
 from denoc_ros.cli.postures import add_postures, posture, read_postures
-from denoc_ros.cli.verbs import VERBS
+from denoc_ros.cli.verb_result import VerbResult
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import ConfigError
 from denoc_ros.model.mjcf import mjcf
@@ -23,28 +28,21 @@ from denoc_ros.reports.text_table import text_table
 from denoc_ros.simulation.mujoco_chain import ChainComparison, compare
 
 FINER = 8  # segments per beam of the model that ours is compared with
+DESCRIPTION = (
+    "Write a robot as MuJoCo's or Gazebo's model: each beam becomes a chain of rigid rods on "
+    'sprung hinges, which has nothing of the shape functions. What the format cannot hold is '
+    'refused by name.'
+)
 
 
-def add_parser(subparsers: Any) -> None:
+def add_options(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
-    parser = subparsers.add_parser(
-        'export',
-        help=VERBS['export'],
-        description="Write a robot as MuJoCo's or Gazebo's model: each beam becomes a chain of "
-        'rigid rods on sprung hinges, which has nothing of the shape functions. What the format '
-        'cannot hold is refused by name.',
-    )
     parser.add_argument(
         'format', choices=('mjcf', 'sdf'), help='mjcf: an XML file of MuJoCo; sdf: of Gazebo'
     )
     parser.add_argument('robot', help='the URDF file')
-    parser.add_argument(
-        '-o', '--output', type=Path, required=True, help='the file to write, a new file'
-    )
-    parser.add_argument(
-        '--segments', metavar='N', type=int, default=16,
-        help='hinges per beam and deformation; default: 16',
-    )  # fmt: skip
+    add_output(parser, '', 'the file to write, a new file', required=True)
+    add_numbers(parser, ('--segments N', 16, 'hinges per beam and deformation; default: 16'))
     add_gravity(parser)
     add_overrides(parser)
     parser.add_argument(
@@ -53,11 +51,11 @@ def add_parser(subparsers: Any) -> None:
         help="compare natural frequencies and sag with MuJoCo's, joints held; needs mujoco",
     )
     add_postures(parser)
-    parser.add_argument('--json', action='store_true', help='print machine-readable JSON')
+    add_json(parser)
 
 
-def run(args: argparse.Namespace) -> int:
-    """Run the verb and return the exit status; errors are raised."""
+def run(args: argparse.Namespace) -> VerbResult:
+    """Write the other simulator's model; errors are raised."""
     require_new(args.output)
     if args.verify and args.format == 'sdf':
         rule = '--verify must come with mjcf: no Gazebo is run, and SDF has the same chain'
@@ -71,15 +69,12 @@ def run(args: argparse.Namespace) -> int:
     if args.verify:
         summary['verified'] = _verify(robot, made.text, args.at)
     write_new(args.output, made.text)
-    if args.json:
-        print(json.dumps(summary, indent=2))
-        return 0
-    print(f'{args.output}: {len(robot.joint_names)} joints, {args.segments} hinges per beam')
-    for found in summary.get('verified', ()):
-        _print(found)
-    for note in made.notes:
-        print(f'denoc export: note: {note}', file=sys.stderr)
-    return 0
+    lines = [
+        f'{args.output}: {len(robot.joint_names)} joints, {args.segments} hinges per beam',
+        *(line for found in summary.get('verified', ()) for line in _lines(found)),
+    ]
+    notes = () if args.json else [f'denoc export: note: {note}' for note in made.notes]
+    return VerbResult(summary, lines, notes=notes)
 
 
 def _verify(robot: Robot, text: str, at: Any) -> list[dict[str, Any]]:
@@ -129,12 +124,12 @@ def _rows(name: str, own: ChainComparison, fine: ChainComparison) -> dict[str, A
     return {'at': name, 'natural_frequencies': frequencies, 'sag': sags}
 
 
-def _print(found: dict[str, Any]) -> None:
+def _lines(found: dict[str, Any]) -> Iterator[str]:
     at = found['at']
     said = f'our model, the same with {FINER} segments per beam, and MuJoCo'
     if found['natural_frequencies']:
         table = text_table(found['natural_frequencies'])
-        print(f'\nnatural frequencies, joints held at ({at}): {said}\n{table}')
-        print(f'\nsag of the tips there\n{text_table(found["sag"])}')
+        yield f'\nnatural frequencies, joints held at ({at}): {said}\n{table}'
+        yield f'\nsag of the tips there\n{text_table(found["sag"])}'
     else:
-        print(f'\nno beam bends: nothing vibrates with the joints held at ({at})')
+        yield f'\nno beam bends: nothing vibrates with the joints held at ({at})'

@@ -5,25 +5,25 @@ from __future__ import annotations
 import argparse
 import importlib
 import os
-from typing import Any
+from typing import TYPE_CHECKING
 
-from denoc_ros.cli.verbs import ACTION_MODULES, ACTIONS, VERBS
+from denoc_ros.cli.verbs import ACTION_MODULES, ACTIONS
+
+if TYPE_CHECKING:
+    from denoc_ros.cli.verb_result import VerbResult
 
 # thousands of small solutions: threads wait for each other, on a busy machine for most of the
 # time; read when numpy is first imported
 os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
+DESCRIPTION = (
+    'Identify modes and their damping, joint friction and frequency responses from bags (MCAP, '
+    'db3) or tables (CSV, MATLAB, JSON). `denoc identify BAG` is `denoc identify modal BAG`. Exit '
+    'status: 0 good, 1 bad input, 2 doubtful, 3 not identifiable.'
+)
 
 
-def add_parser(subparsers: Any, named: str = '') -> None:
+def add_actions(parser: argparse.ArgumentParser, named: str = '') -> None:
     """Declare the named action with its arguments, or all; for -h their names only."""
-    parser = subparsers.add_parser(
-        'identify',
-        help=VERBS['identify'],
-        description='Identify modes and their damping, joint friction and frequency responses '
-        'from bags (MCAP, db3) or tables (CSV, MATLAB, JSON). `denoc identify BAG` is '
-        '`denoc identify modal BAG`. Exit status: 0 good, 1 bad input, 2 doubtful, '
-        '3 not identifiable.',
-    )
     actions = parser.add_subparsers(dest='action', metavar='ACTION', required=True)
     if named in ('-h', '--help'):
         for name, text in ACTIONS.items():
@@ -31,9 +31,15 @@ def add_parser(subparsers: Any, named: str = '') -> None:
         return
     modules = [ACTION_MODULES[named]] if named in ACTION_MODULES else ACTION_MODULES.values()
     for module in dict.fromkeys(modules):
-        importlib.import_module(f'denoc_ros.{module}').add_actions(actions)
+        for action in importlib.import_module(f'denoc_ros.{module}').DECLARED:
+            one = actions.add_parser(
+                action.name, help=ACTIONS[action.name], description=action.description
+            )
+            action.add_options(one)
+            one.set_defaults(act=action.run)
 
 
-def run(args: argparse.Namespace) -> int:
-    """Run the action and return the exit status; errors are raised."""
-    return int(args.act(args))
+def run(args: argparse.Namespace) -> VerbResult:
+    """Run the action and return its result; errors are raised."""
+    result: VerbResult = args.act(args)
+    return result

@@ -1,47 +1,77 @@
-"""`denoc identify model`: a robot's numbers from recorded runs, all channels at once."""
+"""`denoc identify model` and `excite`: a robot's numbers from recorded runs, and their motion."""
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from denoc_ros.bags.digest import file_hash
-from denoc_ros.cli.arguments import add_gravity
+from denoc_ros.bags.joint_table import TableTimes
+from denoc_ros.cli.arguments import (
+    add_gravity,
+    add_json,
+    add_numbers,
+    add_output,
+    add_overrides,
+    add_repeated,
+    add_stamp,
+    add_times,
+    add_window,
+    given_file,
+    named_values,
+    number_range,
+    overrides_of,
+    require,
+    times_findings,
+)
 from denoc_ros.cli.batch import WorkerConfig, add_worker_options, worker_config
-from denoc_ros.cli.identify_fleet import run_fleet
-from denoc_ros.cli.identify_modal import recordings
-from denoc_ros.cli.identify_numbers import numbers_text
-from denoc_ros.cli.identify_outputs import give_result
-from denoc_ros.cli.model_fit import fitted_model
-from denoc_ros.cli.overrides import add_overrides
-from denoc_ros.cli.progress import Progress
-from denoc_ros.cli.recording_options import add_recording_settings
-from denoc_ros.cli.verbs import ACTIONS
+from denoc_ros.cli.identify_options import Action, written_result
+from denoc_ros.cli.identify_rows import RowKind, recordings, rows_result
+from denoc_ros.cli.motion_file import write_joint_trajectory, write_points
+from denoc_ros.cli.progress import Progress, share_bar
+from denoc_ros.cli.verb_result import VerbResult
+from denoc_ros.cli.verbs import exit_status
+from denoc_ros.dynamics.robot import load_robot
 from denoc_ros.errors import BagError
+from denoc_ros.identification.model.excitation import Excitation, design_excitation
 from denoc_ros.identification.model.fit import IdentifiedModel
-from denoc_ros.identification.model.result import applied_description, not_applied, result_of
-from denoc_ros.identification.result import plain
-from denoc_ros.output_files import write_text
-from denoc_ros.reports.identify_model import model_page
-from denoc_ros.reports.pages import ReportPage
-from denoc_ros.reports.text_table import text_table
-from denoc_ros.reports.versions import versions
+from denoc_ros.identification.model.free_parameters import FreeParameters
+from denoc_ros.identification.model.result import (
+    ModelOptions,
+    applied_description,
+    excitation_result,
+    not_applied,
+)
+from denoc_ros.identification.model.sources import RecordingSettings, SensorFilter
+from denoc_ros.output_files import require_new, write_text
+from denoc_ros.reports.identify_numbers import (
+    excitation_page,
+    excitation_text,
+    model_page,
+    model_text,
+)
+from denoc_ros.reports.provenance import named_file
+from denoc_ros.reports.text_table import Row
 
-Document = dict[str, Any]
+OF_NUMBER: dict[str, type] = {'': float, ' from': float, ' to': float, ' verdict': str}
+MARKS = {'found': '', 'doubtful': '?', 'not identifiable': '-'}
+LIMITS = {
+    'velocity': ('JOINT=VALUE', 'largest velocity of a joint [rad/s, m/s]'),
+    'acceleration': ('JOINT=VALUE', 'largest acceleration of a joint [rad/s^2, m/s^2]'),
+    'effort': ('JOINT=VALUE', 'largest effort of a joint [N m, N]'),
+    'deflection': (
+        'LINK=VALUE',
+        "largest deflection of a flexible link's tip [m]; default: a tenth of its length",
+    ),
+}
 
 
-def add_actions(actions: Any) -> None:
-    """Declare the action's arguments."""
-    parser = actions.add_parser(
-        'model',
-        help=ACTIONS['model'],
-        description='Fit numbers of the robot to measured effort, gauges and other sensors of one '
-        'run or several, by maximum likelihood. For each number: its value, a 95 %% interval, '
-        'and whether it is found, doubtful or not identifiable; and which combinations are '
-        'identifiable where single numbers are not.',
-    )
+def _add_model(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         'bags',
         metavar='BAG',
@@ -63,24 +93,18 @@ def add_actions(actions: Any) -> None:
     )
     add_gravity(parser)
     add_overrides(parser)
-    parser.add_argument(
-        '--cutoff',
-        metavar='HZ',
-        type=float,
-        default=20.0,
-        help='above it effort is not compared; default: 20',
-    )
-    parser.add_argument(
-        '--held-out',
-        metavar='PART',
-        type=float,
-        default=0.25,
-        help='last part of each run that a first fit does not see and is judged by; default: 0.25',
+    add_numbers(
+        parser,
+        ('--cutoff HZ', 20.0, 'above it effort is not compared; default: 20'),
+        (
+            '--held-out PART',
+            0.25,
+            'last part of each run that a first fit does not see and is judged by; default: 0.25',
+        ),
     )
     _add_outputs(parser)
-    add_recording_settings(parser)
+    _add_recording(parser)
     add_worker_options(parser)
-    parser.set_defaults(act=run_model)
 
 
 def _add_outputs(parser: argparse.ArgumentParser) -> None:
@@ -91,14 +115,12 @@ def _add_outputs(parser: argparse.ArgumentParser) -> None:
         type=Path,
         help='write the robot with what was found: a new file',
     )
-    parser.add_argument(
-        '-o',
-        '--output',
-        metavar='FOLDER',
-        type=Path,
-        help='folder for result.yaml and report.html, or with --each for Parquet files',
+    add_output(
+        parser,
+        'FOLDER',
+        'folder for result.yaml and report.html, or with --each for Parquet files',
     )
-    parser.add_argument('--json', action='store_true', help='print JSON for machines')
+    add_json(parser)
     parser.add_argument(
         '--each',
         action='store_true',
@@ -107,70 +129,321 @@ def _add_outputs(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def run_model(args: argparse.Namespace) -> int:
+def _add_recording(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
+    group = parser.add_argument_group('the recordings')
+    group.add_argument(
+        '--topic', default='/joint_states', help='joint states of a bag; default: /joint_states'
+    )
+    add_repeated(
+        group,
+        (
+            '--rename OLD=NEW',
+            'beginning of joint names in the bag, and its replacement in the robot; repeatable',
+        ),
+        (
+            '--column NAME=COLUMN',
+            "column of a table: JOINT.position, JOINT.velocity, JOINT.effort, or a sensor's "
+            'raw readings as sensor.NAME; repeatable',
+        ),
+        (
+            '--torque-constant JOINT=NM_PER_A',
+            "torque per ampere at the joint, where the joint's effort was recorded as "
+            'current; negative where current turns it the other way; repeatable',
+        ),
+        (
+            '--filter SENSOR=OMEGA,DAMPING',
+            "low-pass of second order that a sensor's readings have passed [rad/s, share of "
+            'critical]; repeatable',
+        ),
+        (
+            '--pose TOPIC=FRAME',
+            'poses (geometry_msgs/PoseStamped) that a tracker measured of a frame of the '
+            "robot, in axes near those of the robot's base; repeatable",
+        ),
+    )
+    add_window(group, 'joint state')
+    add_stamp(group)
+    add_times(group)
+
+
+def recording_settings(args: argparse.Namespace) -> RecordingSettings:
+    """Settings by the options; ConfigError with every finding."""
+    findings = times_findings(args.rate)
+    if not args.begin < args.end:
+        findings.append(f'--begin must be before --end, got {args.begin} and {args.end} s')
+    rename = named_values('--rename', args.rename, 'OLD=NEW', str, findings)
+    columns = named_values('--column', args.column, 'NAME=COLUMN', str, findings)
+    form = 'SENSOR=OMEGA,DAMPING'
+    filters = named_values('--filter', args.filter, form, _two_numbers, findings)
+    poses = named_values('--pose', args.pose, 'TOPIC=FRAME', str, findings)
+    constants = named_values(
+        '--torque-constant', args.torque_constant, 'JOINT=NM_PER_A', float, findings
+    )
+    require(findings)
+    return RecordingSettings(
+        topic=args.topic,
+        stamp=args.stamp,
+        rename=rename,
+        columns=columns,
+        times=TableTimes(args.time, args.time_unit, args.rate),
+        begin=args.begin,
+        end=args.end,
+        filters={name: SensorFilter(*pair) for name, pair in filters.items()},
+        poses=poses,
+        torque_constants=constants,
+    )
+
+
+def _two_numbers(text: str) -> tuple[float, float]:
+    """Return the two numbers of a text, ValueError for any other."""
+    first, second = text.split(',')
+    return float(first), float(second)
+
+
+def model_options(args: argparse.Namespace) -> ModelOptions:
+    """Return the options of `denoc identify model`; ConfigError with every finding.
+
+    The robot's file is named as a whole: workers may have another working directory.
+    """
+    return ModelOptions(
+        robot=args.robot,
+        file=given_file(args.robot, 'robot').resolve(),
+        gravity=tuple(args.gravity),
+        overrides=overrides_of(args.set, args.payload),
+        recording=recording_settings(args),
+        free=args.free,
+        cutoff=args.cutoff,
+        held_out=args.held_out,
+    )
+
+
+def _model(args: argparse.Namespace) -> VerbResult:
     """Identify; exit status 0 good, 2 doubtful, 3 not identifiable."""
     if args.apply is not None and args.apply.exists():
         raise BagError(f'{args.apply}: --apply must be a new file, got an existing one')
     paths, workers = recordings(args.bags), worker_config(args)
-    if args.each or workers != WorkerConfig():
-        return run_fleet(args, paths, workers)
+    each = args.each or workers != WorkerConfig()
+    if each and args.apply is not None:
+        raise BagError('--apply must come with one model, got --each, --workers or --scheduler')
+    options = model_options(args)
+    if each:
+        kind = model_rows(options)
+        return rows_result(kind, options, paths, args.output, workers, not args.json)
     with Progress().step('identifying'):
-        found = fitted_model(args, paths)
-    document = model_result(args, paths, found)
-    if args.apply is not None:
-        _apply(args, found)
-
-    def page() -> ReportPage:
-        return model_page(document, args.command)
-
-    return give_result(args, document, as_text(document), page)
-
-
-def model_result(
-    args: argparse.Namespace, paths: Sequence[Path], found: IdentifiedModel
-) -> Document:
-    """Return all that is kept of an identification of a whole model."""
-    document = {
-        'kind': 'model',
-        'source': {
-            'file': str(paths[0]),
-            'sha256': file_hash(paths[0]),
-            'others': {str(path): file_hash(path) for path in paths[1:]},
-        },
-        'model': {'file': str(args.robot), 'free': args.free},
-        **result_of(found),
-        'versions': versions(),
-    }
-    return dict(plain(document))
+        document, found = options.identify(paths)
+    told = [] if args.apply is None else _applied(args.apply, options, found)
+    return written_result(
+        args.output,
+        document,
+        lambda result: '\n'.join([*told, model_text(result)]),
+        lambda result: model_page(result, args.command),
+    )
 
 
-def as_text(document: Document) -> str:
-    """Return a result's lines for a terminal."""
-    channels = [
-        {
-            'run': one['run'],
-            'channel': one['channel'],
-            'unit': one['unit'],
-            'rms before': one['rms_before'],
-            'after': one['rms_after'],
-            'held out before': one['held_out_before'],
-            'held out after': one['held_out_after'],
-        }
-        for one in document['channels']
+def _applied(target: Path, options: ModelOptions, found: IdentifiedModel) -> list[str]:
+    """Write the robot's description with the found numbers; return what is to be told."""
+    text, left = applied_description(options.file, found)
+    write_text(target, text)
+    return [
+        f'{target}: {options.robot} with what was found',
+        *(f'  not identifiable, as in the file: {path}' for path in not_applied(found)),
+        *(f'  not of a description, for --set: {path}={value}' for path, value in left.items()),
     ]
-    numbers = numbers_text(document['parameters'], 'verdict')
-    lines = [numbers, '', text_table(channels)]
-    lines += [f'  {line}' for line in (*document['not_identifiable'], *document['reasons'])]
-    return '\n'.join([*lines, f'verdict: {document["verdict"]}'])
 
 
-def _apply(args: argparse.Namespace, found: IdentifiedModel) -> None:
-    """Write the robot's description with the found numbers."""
-    text, left = applied_description(args.robot, found)
-    write_text(args.apply, text)
-    if not args.json:
-        print(f'{args.apply}: {args.robot} with what was found')
-        for path in not_applied(found):
-            print(f'  not identifiable, as in the file: {path}')
-        for path, value in left.items():
-            print(f'  not of a description, for --set: {path}={value}')
+def model_rows(options: ModelOptions) -> RowKind:
+    """Return which rows the models of recordings make: a column for each free number."""
+    paths = FreeParameters(options.start(), options.free).paths
+    own: dict[str, type] = {
+        **{f'{path}{end}': kind for path in paths for end, kind in OF_NUMBER.items()},
+        'held_out': float,
+        'not_identifiable': str,
+    }
+    return RowKind(model_row, own, _shown(paths), file_hash(options.file))
+
+
+def model_row(item: tuple[ModelOptions, Path]) -> Row:
+    """Return the row of the model that one recording tells.
+
+    `held_out` is the largest share of a channel's deviation that is left of the held-out part.
+    """
+    options, path = item
+    document, found = options.identify([path])
+    row: Row = {'verdict': document['verdict']}
+    for one in document['parameters']:
+        values = (one['value'], *one['interval'], one['verdict'])
+        row |= {f'{one["path"]}{end}': v for end, v in zip(OF_NUMBER, values, strict=True)}
+    left = [one.held_out_after / one.size for one in found.channels if one.size > 0.0]
+    return {
+        **row,
+        'held_out': max(left) if left and options.held_out else None,
+        'not_identifiable': '; '.join(document['not_identifiable']),
+        'reasons': '; '.join(document['reasons']),
+    }
+
+
+def _shown(paths: Sequence[str]) -> Callable[[Row], Row]:
+    """Make a formatter of a row's line: numbers, `?` behind the doubtful, `-` for no number."""
+
+    def line(row: Row) -> Row:
+        shown: Row = {}
+        for path in paths:
+            mark = MARKS[row[f'{path} verdict']]
+            shown[path] = mark if mark == '-' else f'{row[path]:.4g}{mark}'
+        return shown
+
+    return line
+
+
+def _add_excite(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument('robot', metavar='ROBOT', help='the URDF file')
+    parser.add_argument(
+        '--free',
+        metavar='PATH',
+        nargs='+',
+        action='extend',
+        required=True,
+        help='what is to be identified, as of `denoc identify model`',
+    )
+    add_output(
+        parser,
+        '',
+        'the motion: a .yaml reference that `denoc up` and `denoc simulate` read',
+        required=True,
+    )
+    parser.add_argument(
+        '--trajectory',
+        metavar='FILE',
+        type=Path,
+        help='also write it as the YAML of a trajectory_msgs/JointTrajectory',
+    )
+    parser.add_argument('--page', metavar='FILE', type=Path, help='also write an HTML page')
+    add_json(parser)
+    _add_motion(parser)
+    _add_limits(parser)
+    add_gravity(parser)
+    add_overrides(parser)
+
+
+def _add_motion(parser: argparse.ArgumentParser) -> None:
+    group = parser.add_argument_group('motion and recording')
+    numbers: tuple[tuple[str, str, Any, float, str], ...] = (
+        ('duration', 'S', float, 10.0, 'of the motion [s]'),
+        ('harmonics', 'K', int, 6, 'of each joint: the highest frequency is harmonics / duration'),
+        ('rate', 'HZ', float, 200.0, 'of recording [Hz]'),
+        ('interval', 'S', float, 0.02, 'between rows of the motion [s]'),
+        ('time-limit', 'S', float, 60.0, 'of the search [s of processor time]'),
+        ('seed', 'K', int, 0, 'of the motions drawn that the search starts from'),
+    )
+    for name, metavar, kind, default, text in numbers:
+        group.add_argument(
+            f'--{name}',
+            metavar=metavar,
+            type=kind,
+            default=default,
+            help=f'{text}; default: {default:g}',
+        )
+    add_repeated(
+        group,
+        ('--start JOINT=VALUE', 'where a joint begins and ends [rad, m]; default: 0; repeatable'),
+        (
+            '--noise CHANNEL=VALUE',
+            'standard deviation of a sample of effort, effort.JOINT [N m, N], a sensor, '
+            'IMU.gyro [rad/s] or IMU.accel [m/s^2]; inf: not recorded; default: 1 %% of the '
+            "effort limit, the sensor's noise; repeatable",
+        ),
+    )
+
+
+def _add_limits(parser: argparse.ArgumentParser) -> None:
+    group = parser.add_argument_group("limits in place of the URDF's")
+    add_repeated(group, ('--position JOINT=LOW:HIGH', 'range of a joint [rad, m]; repeatable'))
+    for name, (form, text) in LIMITS.items():
+        group.add_argument(
+            f'--{name}', action='append', default=[], metavar=form, help=f'{text}; repeatable'
+        )
+
+
+def _excite(args: argparse.Namespace) -> VerbResult:
+    """Plan the motion; exit status 0 good, 2 doubtful, 3 not identifiable."""
+    options = _excite_options(args)
+    file = given_file(args.robot, 'robot')
+    robot = load_robot(file, gravity=tuple(args.gravity))
+    overrides = overrides_of(args.set, args.payload)
+    robot = robot.with_overrides(overrides) if overrides else robot
+    with share_bar(args.json) as bar:
+        found = design_excitation(
+            robot, args.free, **options, progress=lambda share: bar.update(share - bar.n)
+        )
+    rows = found.rows(
+        np.linspace(0.0, found.duration, 1 + math.ceil(found.duration / args.interval))
+    )
+    motion = (rows.q, rows.qd, rows.qdd)
+    write_points(args.output, _head(found), found.joints, rows.t, motion)
+    if args.trajectory is not None:
+        write_joint_trajectory(args.trajectory, found.joints, rows.t, motion)
+    document = {
+        'output': str(args.output),
+        'robot': named_file(file),
+        **excitation_result(found),
+    }
+    if args.page is not None:
+        page = excitation_page(found, document, robot.tree, args.command)
+        write_text(args.page, page.html())
+    return VerbResult(document, [excitation_text(document)], exit_status(document['verdict']))
+
+
+def _excite_options(args: argparse.Namespace) -> dict[str, Any]:
+    """Arguments of design_excitation beside robot and numbers."""
+    findings: list[str] = []
+    if args.output.suffix not in ('.yaml', '.yml'):
+        findings.append(f'--output must end in .yaml, got {args.output.name!r}')
+    if not 0.0 < args.interval < math.inf:
+        findings.append(f'--interval must be > 0 s, got {args.interval}')
+    options: dict[str, Any] = {
+        name: getattr(args, name)
+        for name in ('duration', 'harmonics', 'rate', 'time_limit', 'seed')
+    }
+    for name, form in (
+        ('start', 'JOINT=VALUE'),
+        ('noise', 'CHANNEL=VALUE'),
+        *((name, form) for name, (form, _) in LIMITS.items()),
+    ):
+        if texts := getattr(args, name):
+            options[name] = named_values(f'--{name}', texts, form, float, findings)
+    if args.position:
+        options['position'] = named_values(
+            '--position', args.position, 'JOINT=LOW:HIGH', number_range, findings
+        )
+    require(findings)
+    require_new(args.output, args.trajectory, args.page)
+    return options
+
+
+def _head(found: Excitation) -> str:
+    return (
+        '# Planned by `denoc identify excite`: from rest to rest, for '
+        f'{len(found.values)} free numbers.\n'
+    )
+
+
+DECLARED = (
+    Action(
+        'model',
+        'Fit numbers of the robot to measured effort, gauges and other sensors of one run or '
+        'several, by maximum likelihood. For each number: its value, a 95 %% interval, and '
+        'whether it is found, doubtful or not identifiable; and which combinations are '
+        'identifiable where single numbers are not.',
+        _add_model,
+        _model,
+    ),
+    Action(
+        'excite',
+        'Find the motion within limits, a Fourier series of each joint from rest to rest, whose '
+        'recording tells `denoc identify model` most of the free numbers; print the 95 %% '
+        'intervals to expect, and what no motion shows.',
+        _add_excite,
+        _excite,
+    ),
+)

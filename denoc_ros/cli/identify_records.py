@@ -1,68 +1,77 @@
-"""`denoc identify info` and `segment`: the signals and segments of a recording."""
+"""`denoc identify info`, `segment`, `modal`, `joint`, `forced`: one signal of a recording."""
 
 from __future__ import annotations
 
 import argparse
-import json
 import math
+import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
-from denoc_ros.cli.exit_statuses import NOT_IDENTIFIABLE
-from denoc_ros.cli.identify_inputs import add_channel_options, channel_of
-from denoc_ros.cli.verbs import ACTIONS
-from denoc_ros.errors import BagError, DenocError
-from denoc_ros.identification.channel import Channel, channels_of, read_record
-from denoc_ros.identification.quality import assess
+from denoc_ros.cli.arguments import add_json, add_numbers, add_output, given_file
+from denoc_ros.cli.batch import WorkerConfig, add_worker_options, worker_config
+from denoc_ros.cli.identify_options import (
+    Action,
+    add_channel_options,
+    add_recording_options,
+    add_robot_options,
+    add_verdict_options,
+    asked_of,
+    channel_of,
+    joint_values,
+    written_result,
+)
+from denoc_ros.cli.identify_rows import RowKind, recordings, rows_result
+from denoc_ros.cli.verb_result import VerbResult
+from denoc_ros.cli.verbs import NOT_IDENTIFIABLE
+from denoc_ros.errors import BagError, ConfigError
+from denoc_ros.identification.channel import read_record
+from denoc_ros.identification.forced import identify_forced
+from denoc_ros.identification.joint import fit_joint, joint_result
+from denoc_ros.identification.result import (
+    TABLE_COLUMNS,
+    DecayOptions,
+    describe,
+    flat_mode,
+    identify_decay,
+)
 from denoc_ros.identification.segments import find_segments
+from denoc_ros.output_files import Document
+from denoc_ros.reports.identify_signals import (
+    decay_page,
+    decay_text,
+    forced_page,
+    forced_text,
+    joint_page,
+    joint_text,
+)
 from denoc_ros.reports.text_table import Row, text_table
 
 
-def add_actions(actions: Any) -> None:
-    """Declare both actions' arguments."""
-    info = actions.add_parser(
-        'info',
-        help=ACTIONS['info'],
-        description=(
-            'List the signals of a bag or a table: rate, gaps, jitter, clipping, resolution, '
-            'noise. --topic and --field select some of them.'
-        ),
-    )
-    info.add_argument('path', metavar='BAG', type=Path, help='a bag or a table')
-    add_channel_options(info)
-    info.add_argument('--json', action='store_true', help='print machine-readable JSON')
-    info.set_defaults(act=run_info)
-    segment = actions.add_parser(
-        'segment',
-        help=ACTIONS['segment'],
-        description='List the segments of a signal: free decays, steps, rests.',
-    )
-    segment.add_argument('path', metavar='BAG', type=Path, help='a bag or a table')
-    add_channel_options(segment)
-    segment.add_argument('--json', action='store_true', help='print machine-readable JSON')
-    segment.set_defaults(act=run_segment)
+def _add_signal(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument('path', metavar='BAG', type=Path, help='a bag or a table')
+    add_channel_options(parser)
+    add_json(parser)
 
 
-def run_info(args: argparse.Namespace) -> int:
+def _info(args: argparse.Namespace) -> VerbResult:
     """List the signals; an error when none of them makes a record."""
     rows = describe(args.path, channel_of(args))
-    if all('problem' in row for row in rows):
-        raise BagError('\n'.join(dict.fromkeys(row['problem'] for row in rows)))
-    if args.json:
-        print(json.dumps({'file': str(args.path), 'signals': rows}, indent=2))
-    else:
-        print(f'{args.path}: {len(rows)} signals')
-        print(text_table([row for row in rows if 'problem' not in row]))
-        for row in rows:
-            if 'problem' in row:
-                print(f'  {row["signal"]}: {row["problem"]}')
-    return 0
+    good = [row for row in rows if 'problem' not in row]
+    bad = [row for row in rows if 'problem' in row]
+    if not good:
+        raise BagError('\n'.join(dict.fromkeys(row['problem'] for row in bad)))
+    lines = [
+        f'{args.path}: {len(rows)} signals',
+        text_table(good),
+        *(f'  {row["signal"]}: {row["problem"]}' for row in bad),
+    ]
+    return VerbResult({'file': str(args.path), 'signals': rows}, lines)
 
 
-def run_segment(args: argparse.Namespace) -> int:
+def _segment(args: argparse.Namespace) -> VerbResult:
     """List the segments; exit status 3 when there is no free decay."""
-    reading = read_record(args.path, channel_of(args))
+    record = read_record(args.path, channel_of(args)).record
     rows = [
         {
             'kind': segment.kind,
@@ -73,59 +82,225 @@ def run_segment(args: argparse.Namespace) -> int:
             'level': float(segment.level),
             'frequency_hz': float(segment.frequency) or None,
         }
-        for segment in find_segments(reading.record)
+        for segment in find_segments(record)
     ]
-    if args.json:
-        print(json.dumps({'signal': reading.record.name, 'segments': rows}, indent=2))
-    else:
-        print(f'{reading.record.name}: {len(rows)} segments')
-        if rows:
-            print(text_table(rows))
-    return 0 if any(row['kind'] == 'decay' for row in rows) else NOT_IDENTIFIABLE
+    lines = [f'{record.name}: {len(rows)} segments', *([text_table(rows)] if rows else [])]
+    status = 0 if any(row['kind'] == 'decay' for row in rows) else NOT_IDENTIFIABLE
+    return VerbResult({'signal': record.name, 'segments': rows}, lines, status)
 
 
-def describe(path: Path, channel: Channel) -> list[Row]:
-    """Return one row of quality per signal that the channel leaves open.
-
-    Parameters
-    ----------
-    path : Path
-        A bag or a table.
-    channel : Channel
-        What it names is all that is described.
-
-    Raises
-    ------
-    BagError
-        When the file cannot be read, or has no such signal.
-    """
-    chosen = [channel]
-    if not channel.field:
-        chosen = [
-            replace(channel, topic=one.topic, field=one.field, quantity=one.quantity)
-            for one in channels_of(path)
-            if channel.topic in ('', one.topic)
-        ]
-    return [_row(path, one) for one in chosen]
+def _add_modal(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        'paths', metavar='BAG', nargs='+', help="bags, tables, folders, or 'bags/**/*.mcap'"
+    )
+    add_output(
+        parser,
+        'FOLDER',
+        'folder for result.yaml, modes.csv and report.html of one recording, or for Parquet '
+        'files of several, which grow',
+    )
+    add_json(parser)
+    add_channel_options(parser)
+    add_verdict_options(parser)
+    add_robot_options(parser)
+    add_worker_options(parser)
 
 
-def _row(path: Path, channel: Channel) -> Row:
-    try:
-        reading = read_record(path, channel)
-    except DenocError as error:
-        return {'signal': channel.name, 'problem': str(error)}
-    quality = assess(reading.record)
+def decay_options(args: argparse.Namespace) -> DecayOptions:
+    """Return the options of `denoc identify modal`; ConfigError with findings."""
+    channel, (band, count) = channel_of(args), asked_of(args)
+    return DecayOptions(
+        channel=channel,
+        band=band,
+        count=count,
+        robot=args.robot,
+        file=given_file(args.robot, 'robot').resolve() if args.robot else None,
+        joints=joint_values(args.at),
+        held=args.joints == 'held',
+        gravity=tuple(args.gravity),
+    )
+
+
+def _modal(args: argparse.Namespace) -> VerbResult:
+    """Identify; exit status of the modes asked for: 0 good, 2 doubtful, 3 not identifiable."""
+    paths, workers = recordings(args.paths), worker_config(args)
+    options = decay_options(args)
+    if len(paths) > 1 or str(paths[0]) not in args.paths or workers != WorkerConfig():
+        return rows_result(MODAL, options, paths, args.output, workers, not args.json)
+    document, analysis = identify_decay(paths[0], options)
+    return written_result(
+        args.output,
+        document,
+        decay_text,
+        lambda result: decay_page(result, analysis, args.command),
+        _left_out(options, document),
+    )
+
+
+def _left_out(options: DecayOptions, document: Document) -> list[str]:
+    """Return the warning that a named robot does not have the modes."""
+    note = document.get('model', {}).get('left_out')
+    return [f'denoc identify: coefficients left out: {note}'] if note and options.robot else []
+
+
+def modal_row(item: tuple[DecayOptions, Path]) -> Row:
+    """Return one recording's row."""
+    options, path = item
+    document, _ = identify_decay(path, options)
+    for note in _left_out(options, document):
+        print(note, file=sys.stderr)
+    modes = [flat_mode(mode) for mode in document['modes']]
     return {
-        'signal': reading.channel.name,
-        'samples': quality.samples,
-        'duration_s': quality.duration,
-        'rate_hz': quality.rate,
-        'gaps': quality.gaps,
-        'longest_gap_s': quality.longest_gap,
-        'lost': quality.lost,
-        'jitter': quality.jitter,
-        'clipped': int(quality.clipped.sum()),
-        'resolution': quality.resolution,
-        'noise': quality.noise,
-        'snr_db': quality.snr_db if math.isfinite(quality.snr_db) else None,
+        'verdict': document['verdict'],
+        'modes': len(modes),
+        **{name: [mode[name] for mode in modes] for name in OF_MODES},
+        'begin_s': document['window']['begin_s'],
+        'end_s': document['window']['end_s'],
+        'reasons': '; '.join(document['reasons']),
     }
+
+
+def _shown(row: Row) -> Row:
+    return {
+        'f [Hz]': ' '.join(f'{value:.4g}' for value in row['frequency_hz']) or '-',
+        'zeta': ' '.join(f'{value:.4g}' for value in row['damping_ratio']) or '-',
+    }
+
+
+OF_MODES = TABLE_COLUMNS[:-1]  # all but the verdict
+MODAL = RowKind(
+    modal_row,
+    {'modes': int, **dict.fromkeys(OF_MODES, list), 'begin_s': float, 'end_s': float},
+    _shown,
+)
+
+
+def _add_joint(parser: argparse.ArgumentParser) -> None:
+    add_recording_options(parser)
+    add_channel_options(parser)
+    group = parser.add_argument_group('the joint')
+    add_numbers(
+        group,
+        ('--inertia KG_M2', None, 'inertia about the joint, with motor and gears'),
+        (
+            '--gravity-torque N_M',
+            None,
+            'largest gravity torque, m g l: with it the frequency gives the inertia',
+        ),
+    )
+    group.add_argument(
+        '--spring',
+        action='store_true',
+        help='the restoring torque is a linear spring, not gravity',
+    )
+    group.add_argument(
+        '--mass-per-length', metavar='KG/M', type=float, help="for the book's coefficient"
+    )
+    group.add_argument('--length', metavar='M', type=float, help="for the book's coefficient")
+
+
+def _joint(args: argparse.Namespace) -> VerbResult:
+    """Identify; exit status 0 good, 2 doubtful, 3 not identifiable."""
+    inertia, torque = args.inertia, args.gravity_torque
+    rod = (args.mass_per_length, args.length)
+    names = ('--inertia', '--gravity-torque', '--mass-per-length', '--length')
+    findings = [
+        f'{name} must be > 0, got {value}'
+        for name, value in zip(names, (inertia, torque, *rod), strict=True)
+        if value is not None and not 0.0 < value < math.inf
+    ]
+    if inertia is not None and torque is not None:
+        findings.append('--gravity-torque must not come with --inertia, got both')
+    ConfigError.raise_any('identify joint', findings)
+    reading = read_record(args.path, channel_of(args))
+    fit = fit_joint(reading.record, inertia, torque, not args.spring)
+    document = joint_result(reading, fit, inertia is not None or torque is not None, *rod)
+    return written_result(
+        args.output,
+        document,
+        joint_text,
+        lambda result: joint_page(result, reading.record, fit, args.command),
+    )
+
+
+def _add_forced(parser: argparse.ArgumentParser) -> None:
+    add_recording_options(parser)
+    group = parser.add_argument_group('the input')
+    group.add_argument(
+        '--force-topic', default='', help='topic of the input; default: that of the response'
+    )
+    group.add_argument(
+        '--force-field',
+        required=True,
+        action='append',
+        help='field of the input, as --field; repeat it for inputs that act together',
+    )
+    group.add_argument(
+        '--force-quantity',
+        choices=('position', 'velocity', 'effort'),
+        default='effort',
+        help='quantity of a JointState; default: effort',
+    )
+    add_channel_options(parser)
+    add_verdict_options(parser)
+
+
+def _forced(args: argparse.Namespace) -> VerbResult:
+    """Identify; exit status 0 good, 2 doubtful, 3 not identifiable."""
+    channel, (band, count) = channel_of(args), asked_of(args)
+    force = replace(
+        channel,
+        topic=args.force_topic,
+        quantity=args.force_quantity,
+        gain=1.0,
+        offset=0.0,
+        unit='',
+    )
+    inputs = [replace(force, field=field) for field in args.force_field]
+    document, record, found = identify_forced(args.path, channel, inputs, band, count)
+    return written_result(
+        args.output,
+        document,
+        forced_text,
+        lambda result: forced_page(result, record, found, args.command),
+    )
+
+
+DECLARED = (
+    Action(
+        'info',
+        'List the signals of a bag or a table: rate, gaps, jitter, clipping, resolution, noise. '
+        '--topic and --field select some of them.',
+        _add_signal,
+        _info,
+    ),
+    Action(
+        'segment',
+        'List the segments of a signal: free decays, steps, rests.',
+        _add_signal,
+        _segment,
+    ),
+    Action(
+        'modal',
+        'Identify the modes of a free decay and their number. Several recordings, a folder or a '
+        'quoted pattern give one row each.',
+        _add_modal,
+        _modal,
+    ),
+    Action(
+        'joint',
+        'Fit viscous, Coulomb and quadratic friction to a free swing at large angle, report which '
+        'of them are significant, and give the logarithmic decrement, exact and as printed in the '
+        'book.',
+        _add_joint,
+        _joint,
+    ),
+    Action(
+        'forced',
+        'Fit a rational frequency response to a measured input (torque, by --force-*) and its '
+        'response (--topic, --field). A table without times takes --rate; with --rate 1 '
+        'frequencies are in cycles per sample.',
+        _add_forced,
+        _forced,
+    ),
+)

@@ -37,22 +37,34 @@ def is_made_by_interrupt(error: BaseException) -> bool:
 
 
 @contextmanager
+def noted_interrupts() -> Iterator[None]:
+    """Put Ctrl-C off to the end of the block, in the main thread.
+
+    For imports: libraries swallow what is raised in them, and the command would go on.
+    """
+    noted: list[int] = []
+    handler = signal.signal(signal.SIGINT, lambda number, _: noted.append(number))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, handler)
+        if noted:
+            signal.raise_signal(signal.SIGINT)
+
+
+@contextmanager
 def deferred_interrupts() -> Iterator[None]:
     """Put Ctrl-C off to the end of the block, in the main thread.
 
     Threads and processes that start in the block never get it.
     """
-    noted: list[int] = []
     resource_tracker.ensure_running()  # it would unblock SIGINT where a process is spawned
-    handler = signal.signal(signal.SIGINT, lambda number, _: noted.append(number))
-    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
-        signal.signal(signal.SIGINT, handler)
-        if noted:
-            signal.raise_signal(signal.SIGINT)
+    with noted_interrupts():
+        mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        try:
+            yield
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, mask)
 
 
 class Interrupts:

@@ -10,12 +10,12 @@ import os
 import signal
 import sys
 from collections.abc import Sequence
+from contextlib import nullcontext
 from pathlib import Path
 from typing import NoReturn
 
-from denoc_ros.cli.exit_statuses import BAD_INPUT, INTERRUPTED
-from denoc_ros.cli.interrupts import interrupt, is_made_by_interrupt
-from denoc_ros.cli.verbs import ACTIONS, DEFAULT_ACTION, STUDIES, VERBS
+from denoc_ros.cli.interrupts import interrupt, is_made_by_interrupt, noted_interrupts
+from denoc_ros.cli.verbs import ACTIONS, BAD_INPUT, DEFAULT_ACTION, INTERRUPTED, STUDIES, VERBS
 from denoc_ros.errors import DenocError
 
 LONGEST = 2000  # characters of a line of a message
@@ -44,7 +44,7 @@ class Version(argparse.Action):
         from importlib.metadata import version
 
         from denoc_ros.cli.config import share_directory
-        from denoc_ros.reports.versions import source_commit
+        from denoc_ros.reports.provenance import source_commit
 
         commit = source_commit(Path(__file__).resolve().parents[1])
         print(f'denoc_ros {version("denoc_ros")}' + (f' (commit {commit})' if commit else ''))
@@ -92,12 +92,15 @@ def _execute(arguments: list[str], is_process: bool) -> int:
     """Run the verb that the arguments name; errors are messages."""
     verb = arguments[0] if arguments else ''
     try:
-        args = build_parser(arguments).parse_args(arguments)
+        with noted_interrupts() if is_process else nullcontext():
+            parser = build_parser(arguments)
+        args = parser.parse_args(arguments)
         from denoc_ros.reports.provenance import command_line
 
         args.command, args.is_process = command_line(arguments), is_process
         _show_log()
-        status = int(args.execute(args))
+        found = args.execute(args)
+        status = found if isinstance(found, int) else found.show(args.json)
         sys.stdout.flush()
     except SystemExit as stop:
         _flush_or_discard()  # of --help
@@ -136,11 +139,12 @@ def build_parser(arguments: Sequence[str] = ()) -> Parser:
     verb = arguments[0]
     room = 'studies' if verb in STUDIES else 'cli'
     module = importlib.import_module(f'denoc_ros.{room}.{verb}')
+    named = subparsers.add_parser(verb, help=VERBS[verb], description=module.DESCRIPTION)
     if verb == 'identify':
-        module.add_parser(subparsers, arguments[1] if len(arguments) > 1 else '')
+        module.add_actions(named, arguments[1] if len(arguments) > 1 else '')
     else:
-        module.add_parser(subparsers)
-    subparsers.choices[verb].set_defaults(execute=module.run)
+        module.add_options(named)
+    named.set_defaults(execute=module.run)
     return parser
 
 

@@ -7,8 +7,7 @@ from pathlib import Path
 
 import yaml
 
-from denoc_ros.cli.config import Parameters, Phase, SessionConfig
-from denoc_ros.cli.time_modes import SIMULATED
+from denoc_ros.cli.config import SIMULATED, Parameters, Phase, SessionConfig
 from denoc_ros.errors import ConfigError
 from denoc_ros.model.plant_description import PlantDescription, read_plant
 from denoc_ros.output_files import write_text

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 
-from denoc_ros.runtime.signals import SIGNALS
+from denoc_ros.runtime.ending import SIGNALS
 
 
 def speed(text: str) -> float:

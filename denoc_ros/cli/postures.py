@@ -5,23 +5,14 @@ from __future__ import annotations
 import argparse
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from denoc_ros.dynamics.equilibrium import Equilibrium
 from denoc_ros.dynamics.natural_modes import independent_joints
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import ConfigError
-
-
-@dataclass(frozen=True)
-class Posture:
-    """A state at rest: its name and its coordinates (n,)."""
-
-    name: str
-    q: NDArray[np.float64]
+from denoc_ros.reports.robot import Posture
 
 
 def add_postures(parser: argparse.ArgumentParser) -> None:

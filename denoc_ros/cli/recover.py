@@ -3,27 +3,23 @@
 from __future__ import annotations
 
 import argparse
-import json
 from pathlib import Path
 from typing import Any
 
 from tqdm import tqdm
 
 from denoc_ros.bags.recover import recover
-from denoc_ros.cli.exit_statuses import DOUBTFUL
-from denoc_ros.cli.verbs import VERBS
+from denoc_ros.cli.verb_result import VerbResult
+from denoc_ros.cli.verbs import DOUBTFUL
+
+DESCRIPTION = (
+    'Rebuild an MCAP bag from its complete records, without changing the original. Exit status '
+    '2 if parts within it were damaged.'
+)
 
 
-def add_parser(subparsers: Any) -> None:
-    """Add the verb to the command line."""
-    parser = subparsers.add_parser(
-        'recover',
-        help=VERBS['recover'],
-        description=(
-            'Rebuild an MCAP bag from its complete records, without changing the original. '
-            'Exit status 2 if parts within it were damaged.'
-        ),
-    )
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Declare the verb's arguments."""
     parser.add_argument('bag', type=Path, help='a .mcap file or a folder of them')
     parser.add_argument(
         '-o',
@@ -31,12 +27,11 @@ def add_parser(subparsers: Any) -> None:
         type=Path,
         help='new bag folder, or new .mcap for a single file (default: BAG_recovered)',
     )
-    parser.add_argument('--json', action='store_true', help='print the result as JSON')
-    parser.set_defaults(run=run)
+    parser.add_argument('--json', action='store_true', help='print JSON for machines')
 
 
-def run(args: argparse.Namespace) -> int:
-    """Recover, print the result, and return the exit status."""
+def run(args: argparse.Namespace) -> VerbResult:
+    """Recover; exit status 2 where parts were damaged."""
     with tqdm(unit='B', unit_scale=True, disable=True if args.json else None, leave=False) as bar:
         result = recover(args.bag, args.output, bar.update)
     row = {
@@ -47,11 +42,7 @@ def run(args: argparse.Namespace) -> int:
         'torn': list(result.torn),
         'damaged_chunks': result.damaged_chunks,
     }
-    if args.json:
-        print(json.dumps(row, indent=2))
-    else:
-        print('\n'.join(_lines(row)))
-    return DOUBTFUL if result.damaged_chunks else 0
+    return VerbResult(row, _lines(row), DOUBTFUL if result.damaged_chunks else 0)
 
 
 def _lines(row: dict[str, Any]) -> list[str]:

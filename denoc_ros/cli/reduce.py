@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import argparse
 import importlib.util
-import json
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from denoc_ros.cli.arguments import given_file, named_values, require
-from denoc_ros.cli.exit_statuses import DOUBTFUL
-from denoc_ros.cli.verbs import VERBS
+from denoc_ros.cli.arguments import add_json, add_output, given_file, named_values, require
+from denoc_ros.cli.verb_result import VerbResult
+from denoc_ros.cli.verbs import DOUBTFUL
 from denoc_ros.errors import ConfigError, ModelError
 from denoc_ros.output_files import require_new, whole_file, write_new
 from denoc_ros.reports.text_table import text_table
@@ -27,31 +27,28 @@ SURFACES = ('.stl', '.obj', '.ply', '.off', '.dae')
 UNIT_NAMES = ('m', 'cm', 'mm', 'in')
 PLACE = 'NAME=X,Y,Z'
 EXTRA = ('pytetwild', 'skfem', 'pymetis', 'meshio')  # packages that only this verb needs
+DESCRIPTION = (
+    'Make a flexible link of a closed surface mesh (STL, OBJ, PLY, OFF, COLLADA), a volume mesh '
+    '(.msh, .inp, .bdf, .mesh), the link of a URDF, or mass and stiffness matrices of another '
+    'program (.mtx, .npz, .op4, .sti). The file is for <flexible link= file=>.'
+)
 
 
-def add_parser(subparsers: Any) -> None:
+def add_options(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
-    parser = subparsers.add_parser(
-        'reduce',
-        help=VERBS['reduce'],
-        description=(
-            'Make a flexible link of a closed surface mesh (STL, OBJ, PLY, OFF, COLLADA), a'
-            ' volume mesh (.msh, .inp, .bdf, .mesh), the link of a URDF, or mass and stiffness'
-            ' matrices of another program (.mtx, .npz, .op4, .sti). The file is for'
-            ' <flexible link= file=>.'
-        ),
-    )
     parser.add_argument('source', help='the mesh, the URDF, or the stiffness matrix')
-    parser.add_argument(
-        '-o', '--output', type=Path, required=True,
-        help="the link's file, .npz; of a URDF also .urdf: the robot with the link, and the file "
+    add_output(
+        parser,
+        '',
+        "the link's file, .npz; of a URDF also .urdf: the robot with the link, and the file "
         'beside it',
-    )  # fmt: skip
+        required=True,
+    )
     parser.add_argument('--link', metavar='NAME', help='link of the URDF')
     parser.add_argument(
         '--page', type=Path, metavar='FILE', help='also write an HTML page on the reduction'
     )
-    parser.add_argument('--json', action='store_true', help='print machine-readable JSON')
+    add_json(parser)
     _add_frames(parser)
     _add_material(parser)
     _add_mesh(parser)
@@ -137,8 +134,8 @@ def _add_matrices(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def run(args: argparse.Namespace) -> int:
-    """Run the verb and return the exit status; errors are raised."""
+def run(args: argparse.Namespace) -> VerbResult:
+    """Reduce the source and write the link; exit status 2 with doubts; errors are raised."""
     _check_extra()
     source = given_file(args.source, 'source')
     described = _described(args, source)
@@ -360,8 +357,8 @@ def _finish(
     described: LinkDescription | None,
     found: ReducedMesh,
     files: list[Path],
-) -> int:
-    """Write what was found and say it; return 0, or 2 with doubts."""
+) -> VerbResult:
+    """Write what was found; exit status 2 with doubts."""
     from denoc_ros.model.link_file import write
     from denoc_ros.reduction.description import with_block
     from denoc_ros.reports.provenance import named_file, provenance
@@ -381,26 +378,22 @@ def _finish(
         with whole_file(args.page) as unfinished:
             html = page(found, row, name, origin).html()
             unfinished.write_text(html, encoding='utf-8')
-    if args.json:
-        print(json.dumps(row, indent=2, allow_nan=False))
-    else:
-        _print(row)
-    for doubt in row['doubts']:
-        print(f'denoc reduce: warning: {doubt}', file=sys.stderr)
-    return DOUBTFUL if row['doubtful'] else 0
+    notes = [f'denoc reduce: warning: {doubt}' for doubt in row['doubts']]
+    return VerbResult(row, _lines(row), DOUBTFUL if row['doubtful'] else 0, notes)
 
 
-def _print(row: dict[str, Any]) -> None:
+def _lines(row: dict[str, Any]) -> Iterator[str]:
+    """Yield the numbers of a link for a terminal."""
     said = f'{row["mass_kg"]:.4g} kg'
     if row['urdf_mass_kg'] is not None:
         said += f' (URDF: {row["urdf_mass_kg"]:.4g} kg)'
     modes, points = len(row['frequencies_hz']), row['points']
-    print(f'{row["source"]}\n{said}, {modes} modes, {points} points')
-    print('\nmodes, root clamped\n' + text_table(row['modes']))
-    print(
-        '\nframes: static compliance, and what the modes lack of it\n' + text_table(row['frames'])
+    yield f'{row["source"]}\n{said}, {modes} modes, {points} points'
+    yield '\nmodes, root clamped\n' + text_table(row['modes'])
+    yield '\nframes: static compliance, and what the modes lack of it\n' + text_table(
+        row['frames']
     )
-    print('\npatches\n' + text_table(row['patches']))
-    print(f'\n{row["output"]}: written; in <flexibility>:\n  {row["block"]}')
+    yield '\npatches\n' + text_table(row['patches'])
+    yield f'\n{row["output"]}: written; in <flexibility>:\n  {row["block"]}'
     if 'robot' in row:
-        print(f'{row["robot"]}: written')
+        yield f'{row["robot"]}: written'

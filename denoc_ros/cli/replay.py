@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import argparse
-import json
 from collections.abc import Iterator
 from contextlib import contextmanager
+from itertools import chain
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -14,19 +14,25 @@ from denoc_ros.bags.joint_table import TableTimes, bag_of_table
 from denoc_ros.bags.tables import is_table
 from denoc_ros.cli.arguments import (
     add_gravity,
+    add_json,
+    add_numbers,
+    add_output,
+    add_overrides,
+    add_repeated,
+    add_setting,
     add_stamp,
     add_times,
     named_values,
     number_range,
+    overrides_of,
     require,
     times_findings,
     unused,
 )
-from denoc_ros.cli.exit_statuses import DOUBTFUL
-from denoc_ros.cli.overrides import add_overrides, overrides_of
 from denoc_ros.cli.progress import share_bar
-from denoc_ros.cli.recorded_run import robot_source
-from denoc_ros.cli.verbs import VERBS
+from denoc_ros.cli.verb_result import VerbResult
+from denoc_ros.cli.verbs import DOUBTFUL
+from denoc_ros.cli.view import robot_source
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.errors import BagError
 from denoc_ros.estimation.tracker_settings import TrackerSettings
@@ -36,23 +42,20 @@ from denoc_ros.replay.bag import replay_bag
 from denoc_ros.replay.settings import ReplaySettings
 from denoc_ros.replay.summary import summarize
 from denoc_ros.reports.provenance import named_file, named_text, provenance
-from denoc_ros.reports.replay import page
+from denoc_ros.reports.replay import lines, page
 from denoc_ros.reports.run_files import EARTH, find_bag, read_session, recording_name
-from denoc_ros.reports.text_table import Row, text_table
+from denoc_ros.runtime.predictor_parameters import TRACKER
+
+DESCRIPTION = (
+    'Read the joint states of a bag (MCAP or db3) or of a table, and compute the torque of the '
+    'rigid and of the flexible model and the deflection along them. Write a new bag with these '
+    'results beside all recorded messages, a table and one HTML page. Exit status 2: the '
+    'numbers are doubtful.'
+)
 
 
-def add_parser(subparsers: Any) -> None:
+def add_options(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
-    parser = subparsers.add_parser(
-        'replay',
-        help=(VERBS['replay']),
-        description=(
-            'Read the joint states of a bag (MCAP or db3) or of a table, and compute the '
-            'torque of the rigid and of the flexible model and the deflection along them. '
-            'Write a new bag with these results beside all recorded messages, a table and one '
-            'HTML page. Exit status 2: the numbers are doubtful.'
-        ),
-    )
     parser.add_argument(
         'bag',
         metavar='BAG',
@@ -67,12 +70,10 @@ def add_parser(subparsers: Any) -> None:
             'the bag'
         ),
     )
-    parser.add_argument(
-        '-o',
-        '--output',
-        type=Path,
-        metavar='BAG',
-        help='the new bag, a folder or a .mcap file (default: BAG_replay here, or replay in the '
+    add_output(
+        parser,
+        'BAG',
+        'the new bag, a folder or a .mcap file (default: BAG_replay here, or replay in the '
         "run's directory)",
     )
     parser.add_argument(
@@ -88,7 +89,7 @@ def add_parser(subparsers: Any) -> None:
     _add_ways(parser)
     _add_adaptation(parser)
     add_overrides(parser)
-    parser.add_argument('--json', action='store_true', help='print the numbers as JSON')
+    add_json(parser)
 
 
 def _add_table(parser: argparse.ArgumentParser) -> None:
@@ -106,14 +107,12 @@ def _add_table(parser: argparse.ArgumentParser) -> None:
 def _add_ways(parser: argparse.ArgumentParser) -> None:
     add_gravity(parser, None, "the run's, else 0 0 -9.81")
     parser.add_argument('--topic', default='', help='topic of the joint states (default: found)')
-    parser.add_argument(
-        '--joint',
-        action='append',
-        default=[],
-        metavar='NAME',
-        help=(
+    add_repeated(
+        parser,
+        (
+            '--joint NAME',
             'a driven joint; in a mechanism the driven joints determine the motion (default: '
-            'all); repeatable'
+            'all); repeatable',
         ),
     )
     parser.add_argument(
@@ -141,13 +140,7 @@ def _add_ways(parser: argparse.ArgumentParser) -> None:
         default='filter',
         help='method for velocities and accelerations: local polynomials, or a Kalman smoother',
     )
-    parser.add_argument(
-        '--cutoff',
-        type=float,
-        default=20.0,
-        metavar='HZ',
-        help='bandwidth of this method, default 20',
-    )
+    add_numbers(parser, ('--cutoff HZ', 20.0, 'bandwidth of this method, default 20'))
     add_stamp(parser)
     parser.add_argument(
         '--fit-friction',
@@ -158,33 +151,24 @@ def _add_ways(parser: argparse.ArgumentParser) -> None:
 
 def _add_adaptation(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group('tracked numbers, as `adapt` of the predictor')
-    group.add_argument(
-        '--adapt',
-        action='append',
-        default=[],
-        metavar='PATH',
-        help=(
+    add_repeated(
+        group,
+        (
+            '--adapt PATH',
             'number of the model that is tracked over time: payload.tool.mass, beam.*.ei; '
-            'repeatable'
+            'repeatable',
+        ),
+        (
+            '--adapt-bounds PATH=LOW:HIGH',
+            'its bounds (default: half to one and a half of its value); repeatable',
         ),
     )
-    group.add_argument(
-        '--adapt-bounds',
-        action='append',
-        default=[],
-        metavar='PATH=LOW:HIGH',
-        help='its bounds (default: half to one and a half of its value); repeatable',
-    )
-    for name, unit, text in (
-        ('rate', 'PER_S', 'largest change in a second, as a share of the bounds, default 1'),
-        ('memory', 'S', 'time of motion after which data are forgotten, default 0.5'),
-        ('error', 'SHARE', 'assumed error of the rest of the model, default 0.01'),
-    ):
-        group.add_argument(f'--adapt-{name}', type=float, metavar=unit, help=text)
+    for row in TRACKER.rows():
+        add_setting(group, row)
 
 
-def run(args: argparse.Namespace) -> int:
-    """Run the verb and return the exit status; errors are raised."""
+def run(args: argparse.Namespace) -> VerbResult:
+    """Recompute a run, write bag and page; exit status 2 where the numbers are doubtful."""
     settings = ReplaySettings(
         topic=args.topic,
         joints=tuple(args.joint),
@@ -215,12 +199,10 @@ def run(args: argparse.Namespace) -> int:
     shown = page(replay, summary, robot, provenance(args.command, sources))
     replaced = ' (replaced)' if report.exists() else ''
     write_text(report, shown.html())
-    if args.json:
-        print(json.dumps({**summary, 'report': str(report)}, indent=2, allow_nan=False))
-    else:
-        print('\n'.join(lines(summary)))
-        print(f'report  {report}{replaced}')
-    return DOUBTFUL if summary['doubts'] else 0
+    told = chain(lines(summary), [f'report  {report}{replaced}'])
+    return VerbResult(
+        {**summary, 'report': str(report)}, told, DOUBTFUL if summary['doubts'] else 0
+    )
 
 
 @contextmanager
@@ -228,7 +210,7 @@ def _as_bag(args: argparse.Namespace, path: Path, robot: Robot) -> Iterator[Path
     """Yield the bag to be read: the one that was given, or one made of a table for now."""
     findings: list[str] = []
     columns = named_values('--column', args.column, 'JOINT.FIELD=COLUMN', str, findings)
-    require(findings + times_findings(args))
+    require(findings + times_findings(args.rate))
     if not is_table(path):
         if columns:
             raise BagError(f'{path}: --column must come with a table, got a bag')
@@ -259,9 +241,8 @@ def _adapt_settings(args: argparse.Namespace) -> AdaptSettings:
     bounds = named_values(
         '--adapt-bounds', args.adapt_bounds, 'PATH=LOW:HIGH', number_range, findings
     )
-    named = {'rate': 'adapt_rate', 'memory': 'adapt_memory', 'model_error': 'adapt_error'}
-    given = {name: getattr(args, key) for name, key in named.items()}
-    given = {name: value for name, value in given.items() if value is not None}
+    given = {field: getattr(args, name) for field, name in TRACKER.names.items()}
+    given = {field: value for field, value in given.items() if value is not None}
     if (bounds or given) and not args.adapt:
         findings.append('--adapt must name what is tracked where its settings are given, got none')
     require(findings)
@@ -274,104 +255,3 @@ def _robot(args: argparse.Namespace, bag: Path, session: dict[str, Any]) -> Robo
     source = robot_source(bag, args.robot)
     robot = load_robot(source, gravity=args.gravity or session.get('gravity', EARTH))
     return robot.with_overrides(overrides) if overrides else robot
-
-
-def lines(summary: dict[str, Any]) -> Iterator[str]:
-    """Yield a replay's numbers as lines of text for the terminal."""
-    yield (
-        f'{summary["bag"]}: {summary["samples"]} joint states in {summary["duration_s"]:.4g} s, '
-        f'{summary["derivative"]} {summary["cutoff_hz"]:.3g} Hz'
-    )
-    for what in ('held_joints', 'ignored_joints'):
-        if summary[what]:
-            yield f'  {what.replace("_", " ")}: {", ".join(summary[what])}'
-    if summary['torque']:
-        yield 'torque: measured, and measured minus computed [N m, N]'
-        yield text_table(_torque_rows(summary))
-    of = 'measured effort' if summary['torque'] else 'computed torque (no effort was measured)'
-    yield f'shares of the {of}, mean square [%]'
-    yield text_table(_share_rows(summary))
-    if summary['friction']:
-        yield 'friction, fitted (SI units; standard errors by windows of a second)'
-        yield text_table(_friction_rows(summary['friction']))
-    if summary['adapted']:
-        cause = summary['adapted']['cause']
-        yield f'tracked numbers, SI units (95 %){f"; at the end: {cause}" if cause else ""}'
-        yield text_table(_adapted_rows(summary['adapted']))
-    if rows := _deflection_rows(summary):
-        yield 'deflection (m or rad)'
-        yield text_table(rows)
-    if summary['output']:
-        yield f'bag     {summary["output"]}'
-    for doubt in summary['doubts']:
-        yield f'doubtful: {doubt}'
-
-
-def _torque_rows(summary: dict[str, Any]) -> list[Row]:
-    rows = []
-    for joint in summary['joints']:
-        row: Row = {'joint': joint}
-        for model, joints in summary['torque'].items():
-            one = joints.get(joint, {})
-            lag = one.get('lag')
-            row['effort rms'] = one.get('measured_rms')
-            row |= {f'{model} {what}': one.get(what) for what in ('rms', 'bias')}
-            row[f'{model} lag [ms]'] = None if lag is None else 1e3 * lag
-        rows.append(row)
-    return rows
-
-
-def _share_rows(summary: dict[str, Any]) -> list[Row]:
-    return [
-        {
-            'joint': joint,
-            **{
-                name: None if share[joint] is None else f'{100.0 * share[joint]:.1f}'
-                for name, share in summary['shares'].items()
-            },
-        }
-        for joint in summary['joints']
-    ]
-
-
-def _friction_rows(friction: dict[str, Any]) -> list[Row]:
-    rows = []
-    for joint, fit in friction.items():
-        row: Row = {'joint': joint}
-        for term in ('viscous', 'coulomb', 'offset'):
-            row[term] = fit[term]
-            row['± ' + term] = fit['standard_error_by_window'][term]
-        row |= {'rms before': fit['rms_before'], 'rms after': fit['rms_after']}
-        row['explained %'] = round(100.0 * fit['explained'], 1)
-        rows.append(row)
-    return rows
-
-
-def _adapted_rows(adapted: dict[str, Any]) -> list[Row]:
-    return [
-        {
-            'number': path,
-            'start': one['start'],
-            'last': one['value'],
-            '±': one['half_interval'],
-            'supported': 'yes' if one['supported'] else 'no',
-            'lowest': min(one['values'], default=None),
-            'highest': max(one['values'], default=None),
-        }
-        for path, one in adapted['numbers'].items()
-    ]
-
-
-def _deflection_rows(summary: dict[str, Any]) -> list[Row]:
-    return [
-        {
-            'deflection': name,
-            'of': topic,
-            'peak': one['measured_peak'],
-            'replay off by, rms': one['rms'],
-            '% of peak': 100.0 * one['rms'] / one['measured_peak'],
-        }
-        for topic, agreements in summary['deflection'].items()
-        for name, one in agreements.items()
-        if one['measured_peak']
-    ]

@@ -3,45 +3,38 @@
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from pathlib import Path
 from typing import Any
 
-from denoc_ros.cli.arguments import unused
-from denoc_ros.cli.verbs import VERBS
+from denoc_ros.cli.arguments import add_json, add_output, unused
+from denoc_ros.cli.verb_result import VerbResult
 from denoc_ros.reports.run import report
 from denoc_ros.reports.run_files import BAG_FOLDER, recording_name
 
+DESCRIPTION = (
+    'Write one HTML page with tracking, predicted and true deflection, torque, loop periods, '
+    'node statistics, and for a simulation energy and closure of loops; as far as the bag has '
+    'them.'
+)
 
-def add_parser(subparsers: Any) -> None:
+
+def add_options(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
-    parser = subparsers.add_parser(
-        'report',
-        help=VERBS['report'],
-        description=(
-            'Write one HTML page with tracking, predicted and true deflection, torque, loop '
-            'periods, node statistics, and for a simulation energy and closure of loops; as '
-            'far as the bag has them.'
-        ),
-    )
     parser.add_argument('run', metavar='RUN', type=Path, help="a run's directory, or a bag")
-    parser.add_argument(
-        '-o',
-        '--output',
-        metavar='FILE',
-        type=Path,
-        help='file of the page; default: report.html in the run, or BAG.html here',
+    add_output(
+        parser,
+        'FILE',
+        'file of the page; default: report.html in the run, or BAG.html here',
     )
-    parser.add_argument('--json', action='store_true', help='print the numbers as JSON')
+    add_json(parser)
 
 
-def run(args: argparse.Namespace) -> int:
-    """Run the verb and return the exit status; errors are raised."""
+def run(args: argparse.Namespace) -> VerbResult:
+    """Write the page; errors are raised."""
     output = args.output or default_output(args.run)
     summary = write_report(args.run, output, args.command)
-    print(json.dumps(summary, indent=2, allow_nan=False) if args.json else output)
-    return 0
+    return VerbResult(summary, [str(output)])
 
 
 def default_output(run_path: Path) -> Path:

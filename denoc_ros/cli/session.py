@@ -9,25 +9,30 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from denoc_ros.cli.config import Parameters, Phase, SessionConfig
-from denoc_ros.cli.feedback_rates import FEEDFORWARD, feedback_refusal
-from denoc_ros.cli.health import Health
+from denoc_ros.cli.config import AUTO, REAL, SIMULATED, Parameters, Phase, SessionConfig
 from denoc_ros.cli.node_parameters import (
     changed_parameters,
     node_parameters,
     node_table,
     write_parameters,
 )
-from denoc_ros.cli.processes import ProcessError, Processes
+from denoc_ros.cli.processes import Health, ProcessError, Processes
 from denoc_ros.cli.progress import Progress
-from denoc_ros.cli.rehearsal import Rehearsal, choose, cores, idle_seconds
 from denoc_ros.cli.session_file import SessionFile
-from denoc_ros.cli.session_time import RealTime, SimulatedTime
+from denoc_ros.cli.session_time import (
+    FEEDFORWARD,
+    RealTime,
+    Rehearsal,
+    SimulatedTime,
+    choose,
+    cores,
+    feedback_refusal,
+    idle_seconds,
+)
 from denoc_ros.cli.shaped_phases import asked_at_pace, motion_of
-from denoc_ros.cli.time_modes import AUTO, REAL, SIMULATED
 from denoc_ros.control.plan import Plan
 from denoc_ros.dynamics.robot import load_robot
-from denoc_ros.runtime.following import NO_JOINTS, STALE_JOINTS
+from denoc_ros.runtime.torque import NO_JOINTS, STALE_JOINTS
 from denoc_ros.trajectories import Trajectory
 
 if TYPE_CHECKING:  # an optional extra

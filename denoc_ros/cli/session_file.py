@@ -1,4 +1,4 @@
-"""The file of a session: its programs, its phases with their times, its cause of an early end."""
+"""A session's file session.json, and its end: a whole bag, summary.json and the report."""
 
 from __future__ import annotations
 
@@ -7,8 +7,17 @@ import time
 from pathlib import Path
 from typing import Any
 
-from denoc_ros.output_files import whole_file
-from denoc_ros.reports.run_files import SESSION_FILE
+from denoc_ros.bags.recover import recover
+from denoc_ros.cli.interrupts import Interrupt
+from denoc_ros.cli.progress import Progress
+from denoc_ros.cli.report import write_report
+from denoc_ros.errors import DenocError
+from denoc_ros.output_files import whole_file, write_text
+from denoc_ros.reports.headline import summary_lines
+from denoc_ros.reports.run_files import BAG_FOLDER, SESSION_FILE
+
+CUT_OFF = 'bag_cut_off'  # what a recorder left that did not end by itself
+REPORTING = 5.0  # s that a report takes
 
 
 class SessionFile:
@@ -74,3 +83,92 @@ class SessionFile:
     def _write(self) -> None:
         with whole_file(self._file) as unfinished:
             unfinished.write_text(json.dumps(self._values, indent=2))
+
+
+def conclude(
+    folder: Path,
+    file: SessionFile,
+    error: BaseException | None,
+    shares: dict[str, float],
+    records: bool,
+    progress: Progress,
+) -> dict[str, Any]:
+    """Write the results of a session: summary.json and, where it recorded, the report.
+
+    Parameters
+    ----------
+    folder : Path
+        The run's directory.
+    file : SessionFile
+        Where the cause of an early end is noted.
+    error : exception or None
+        Why the session ended before its end.
+    shares : dict of str to float
+        Share of a core that each node took.
+    records : bool
+        Whether the session has a recorder.
+    progress : Progress
+        Says what goes on.
+
+    Returns
+    -------
+    dict
+        The summary, as in its file.
+
+    Raises
+    ------
+    DenocError, OSError
+        The report of a session that did not fail cannot be written.
+    """
+    failure = '' if error is None else cause(error)
+    summary: dict[str, Any] = {'phases': {}, 'loops': {}}
+    try:
+        if failure:
+            file.note(failure=failure)
+        # before its first phase a session that is interrupted has nothing to tell
+        if records and (file.phases or (failure and not isinstance(error, Interrupt))):
+            _make_whole(folder, progress)
+            summary = _report(folder, progress)
+    except (DenocError, OSError) as second:
+        if not failure:
+            raise
+        progress.say(f'no report: {second}')
+    summary = {'run': str(folder), **summary, 'processor_share': shares}
+    if failure:
+        summary['failure'] = failure
+    write_text(folder / 'summary.json', json.dumps(summary, indent=2, allow_nan=False))
+    return summary
+
+
+def cause(error: BaseException) -> str:
+    """Return why a session ended before its end, in words."""
+    if isinstance(error, KeyboardInterrupt):
+        return 'interrupted'
+    if isinstance(error, OSError):
+        return f'{error.filename or "file"}: {error.strerror or error}'
+    return str(error) if isinstance(error, DenocError) else f'{type(error).__name__}: {error}'
+
+
+def _report(folder: Path, progress: Progress) -> dict[str, Any]:
+    with progress.step('writing the report', REPORTING):
+        return write_report(folder, folder / 'report.html')
+
+
+def _make_whole(folder: Path, progress: Progress) -> None:
+    """Rebuild the bag of a recorder that could not finish it; the cut one is kept."""
+    bag = folder / BAG_FOLDER
+    if (bag / 'metadata.yaml').is_file() or not any(bag.glob('*.mcap')):
+        return
+    with progress.step('rebuilding the bag, which was cut off'):
+        rebuilt = recover(bag).path
+        bag.rename(folder / CUT_OFF)
+        rebuilt.rename(bag)
+
+
+def print_summary(summary: dict[str, Any], folder: Path) -> None:
+    """Print the numbers of a run, and where it and its report are."""
+    for line in summary_lines(summary):
+        print(line)
+    report = folder / 'report.html'
+    print(f'run     {folder}')
+    print(f'report  {report}' if report.is_file() else 'report  none: nothing was recorded')

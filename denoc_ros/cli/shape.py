@@ -3,21 +3,28 @@
 from __future__ import annotations
 
 import argparse
-import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from denoc_ros.cli.arguments import add_gravity, given_file, named_values, require
+from denoc_ros.cli.arguments import (
+    add_gravity,
+    add_json,
+    add_numbers,
+    add_output,
+    add_overrides,
+    given_file,
+    named_values,
+    overrides_of,
+    require,
+)
 from denoc_ros.cli.config import flatten, read_yaml
-from denoc_ros.cli.motion_file import read_motion
-from denoc_ros.cli.overrides import add_overrides, overrides_of
-from denoc_ros.cli.plan_file import write_plan
+from denoc_ros.cli.motion_file import read_motion, write_plan
 from denoc_ros.cli.progress import share_bar
-from denoc_ros.cli.verbs import VERBS
+from denoc_ros.cli.verb_result import VerbResult
 from denoc_ros.control.plan import Plan
 from denoc_ros.control.shape import shape_motion
 from denoc_ros.dynamics.reacting_base import held_robot
@@ -27,10 +34,9 @@ from denoc_ros.output_files import require_new, write_text
 from denoc_ros.reports.pages import engineering
 from denoc_ros.reports.provenance import named_file, provenance
 from denoc_ros.reports.run_files import EARTH
-from denoc_ros.reports.shape import page
-from denoc_ros.reports.shape_comparison import compare
+from denoc_ros.reports.shape import compare, page
+from denoc_ros.runtime.shaper_parameters import METHODS
 
-METHODS = ('tip', 'zv', 'zvd', 'ei', 'rest_to_rest')
 BASES = ('free_floating', 'free_flying')
 TIP_ONLY = ('joints', 'stretch', 'preaction', 'postaction', 'turn', 'step')
 NUMBERS = {
@@ -69,31 +75,26 @@ OTHERS = {
         "assumed error of the modes' frequencies, as a share",
     ),
 }
+DESCRIPTION = (
+    'Plan the motion of the joints so that the tip of a flexible robot moves like that of the '
+    'undeformed robot, or so that no vibration is left at the end. The plan is a reference that '
+    '`denoc up` and `denoc simulate` read.'
+)
 
 
-def add_parser(subparsers: Any) -> None:
+def add_options(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
-    parser = subparsers.add_parser(
-        'shape',
-        help=VERBS['shape'],
-        description=(
-            'Plan the motion of the joints so that the tip of a flexible robot moves like that'
-            ' of the undeformed robot, or so that no vibration is left at the end. The plan is'
-            ' a reference that `denoc up` and `denoc simulate` read.'
-        ),
-    )
     parser.add_argument('robot', help='the URDF file')
     parser.add_argument(
         'motion',
         help='a YAML file: a reference, a scenario or configuration that has one, or a '
         'trajectory_msgs/JointTrajectory',
     )
-    parser.add_argument(
-        '-o',
-        '--output',
-        type=Path,
+    add_output(
+        parser,
+        '',
+        'the plan: .yaml for a reference of the joints, .csv for a table of all quantities',
         required=True,
-        help='the plan: .yaml for a reference of the joints, .csv for a table of all quantities',
     )
     parser.add_argument(
         '--method', choices=METHODS, default='tip', help='method of planning; default: tip'
@@ -116,14 +117,8 @@ def add_parser(subparsers: Any) -> None:
         help='method tip and rest_to_rest: the timing is free, in the least time within '
         'the limits',
     )
-    parser.add_argument('--json', action='store_true', help='print the summary as JSON')
-    parser.add_argument(
-        '--interval',
-        metavar='S',
-        type=float,
-        default=0.02,
-        help='time between rows; default: 0.02',
-    )
+    add_json(parser)
+    add_numbers(parser, ('--interval S', 0.02, 'time between rows; default: 0.02'))
     add_gravity(parser, None, "the motion file's, else 0 0 -9.81")
     add_overrides(parser)
     _add_limits(parser)
@@ -150,11 +145,9 @@ def _add_limits(parser: argparse.ArgumentParser) -> None:
             type=float,
             help=f'largest {name.replace("_", " ")} [{unit}]',
         )
-    group.add_argument(
-        '--margin',
-        metavar='SHARE',
-        type=float,
-        help='share of every limit but positions that is kept free',
+    add_numbers(
+        group,
+        ('--margin SHARE', None, 'share of every limit but positions that is kept free'),
     )
 
 
@@ -179,8 +172,8 @@ def _add_tip_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def run(args: argparse.Namespace) -> int:
-    """Run the verb and return the exit status; errors are raised."""
+def run(args: argparse.Namespace) -> VerbResult:
+    """Plan the motion, write it and its page; errors are raised."""
     require(_findings(args))
     require_new(args.output, args.page)
     motion_file = given_file(args.motion, 'motion')
@@ -197,11 +190,7 @@ def run(args: argparse.Namespace) -> int:
     summary = {'output': str(args.output), **summarize(plan, times)}
     if args.page:
         summary.update(_page(args, robot, plan, (times, joints), tip))
-    if args.json:
-        print(json.dumps(summary, indent=2, allow_nan=False))
-    else:
-        _print(summary)
-    return 0
+    return VerbResult(summary, _lines(summary))
 
 
 def _findings(args: argparse.Namespace) -> list[str]:
@@ -353,31 +342,32 @@ def _page(
     return {'page': str(args.page), **found.summary()}
 
 
-def _print(summary: Mapping[str, Any]) -> None:
-    print(
+def _lines(summary: Mapping[str, Any]) -> Iterator[str]:
+    """Yield the numbers of a plan for a terminal."""
+    yield (
         f'{summary["output"]}: {summary["rows"]} rows from {summary["begins_s"]:.4g} to '
         f'{summary["ends_s"]:.4g} s, method {summary["method"]}'
     )
     if summary.get('gains') or not summary.get('settled', True):
         best = '' if summary['settled'] else ', the best so far'
-        print(
+        yield (
             f'  {summary["stretch"]:.4g} times the time that was asked for, the least within the '
             f'limits{best}'
         )
         for name, gain in sorted(summary['gains'].items(), key=lambda each: -each[1]):
-            print(f'  1 % more of {name}: {100.0 * gain:.2f} % less time')
+            yield f'  1 % more of {name}: {100.0 * gain:.2f} % less time'
     elif summary['stretch'] > 1.0:
-        print(f'  {summary["stretch"]:.4g} times slower, to keep the limits')
+        yield f'  {summary["stretch"]:.4g} times slower, to keep the limits'
     if summary['delay_s'] > 0.0:
-        print(f'  {summary["delay_s"]:.4g} s later than asked for')
-    print(
+        yield f'  {summary["delay_s"]:.4g} s later than asked for'
+    yield (
         f'  tip off what was asked: {engineering(summary["tip_error_m"], "m")} while moving, '
         f'{engineering(summary["tip_error_after_m"], "m")} before and after'
     )
     for name, value in summary['largest_torque'].items():
-        print(f'  largest torque {name}: {value:.4g} N m or N')
+        yield f'  largest torque {name}: {value:.4g} N m or N'
     if 'base_force_N' in summary:
         force, torque = summary['base_force_N'], summary['base_torque_Nm']
-        print(f'  thrusters hold the base with up to {force:.4g} N and {torque:.4g} N m')
+        yield f'  thrusters hold the base with up to {force:.4g} N and {torque:.4g} N m'
     if 'page' in summary:
-        print(f'page    {summary["page"]}')
+        yield f'page    {summary["page"]}'

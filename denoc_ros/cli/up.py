@@ -15,23 +15,21 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from denoc_ros.bags.series import read_joint_states
-from denoc_ros.cli.conclusion import conclude, print_summary
-from denoc_ros.cli.config import SessionConfig, load_config
+from denoc_ros.cli.arguments import add_json
+from denoc_ros.cli.config import AUTO, REAL, SIMULATED, TIMES, SessionConfig, load_config
 from denoc_ros.cli.interrupts import Interrupts
-from denoc_ros.cli.kernels_ahead import compile_all, estimate, kernels
 from denoc_ros.cli.node_parameters import check_parameters, session_plant
 from denoc_ros.cli.processes import Processes, free_domain
 from denoc_ros.cli.progress import Progress
 from denoc_ros.cli.session import Session, Task, session_nodes
-from denoc_ros.cli.session_file import SessionFile
+from denoc_ros.cli.session_file import SessionFile, conclude, print_summary
 from denoc_ros.cli.shaped_phases import plans_of, started_on_the_plan
-from denoc_ros.cli.time_modes import AUTO, REAL, SIMULATED, TIMES
-from denoc_ros.cli.verbs import VERBS
+from denoc_ros.cli.warmup import compile_all, estimate, kernels
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.errors import ConfigError, DenocError
 from denoc_ros.model.mjcf import SEGMENTS
 from denoc_ros.model.plant_description import description_in_words
-from denoc_ros.reports.versions import versions
+from denoc_ros.reports.provenance import versions
 from denoc_ros.simulation.reference import trajectory_from_config
 
 if TYPE_CHECKING:  # an optional extra
@@ -49,6 +47,10 @@ WHY = {
 }
 NO_SOURCE = 'time must be real where no plant can make it, got simulated'
 TAKEN = 'the directory must not exist yet, got {}'
+DESCRIPTION = (
+    'Start plant, recorder, predictor and feedforward as separate processes, run the reference, '
+    'end them in order, and write a bag and a report into a new directory.'
+)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -70,16 +72,8 @@ class SessionRun:
     error: BaseException | None = None
 
 
-def add_parser(subparsers: Any) -> None:
+def add_options(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
-    parser = subparsers.add_parser(
-        'up',
-        help=VERBS['up'],
-        description=(
-            'Start plant, recorder, predictor and feedforward as separate processes, run the '
-            'reference, end them in order, and write a bag and a report into a new directory.'
-        ),
-    )
     parser.add_argument('config', metavar='CONFIG.yaml', help='configuration file of the session')
     parser.add_argument('--duration', type=float, metavar='S', help='duration of each phase [s]')
     parser.add_argument(
@@ -115,7 +109,7 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument(
         '--view', action='store_true', help='show the robot in the browser; prints the address'
     )
-    parser.add_argument('--json', action='store_true', help='print the summary as JSON')
+    add_json(parser)
 
 
 def run(args: argparse.Namespace) -> int:

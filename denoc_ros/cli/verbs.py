@@ -1,4 +1,4 @@
-"""Verbs of `denoc` and actions of `denoc identify`, with a line of help each."""
+"""Verbs of `denoc` and actions of `denoc identify`, with a line of help each; exit statuses."""
 
 from __future__ import annotations
 
@@ -43,17 +43,22 @@ STUDIES = ('dh', 'stability', 'bench')
 
 # module of an action, in denoc_ros
 ACTION_MODULES = {
-    'info': 'cli.identify_records',
-    'segment': 'cli.identify_records',
-    'modal': 'cli.identify_modal',
-    'joint': 'cli.identify_joint',
-    'forced': 'cli.identify_forced',
+    **dict.fromkeys(('info', 'segment', 'modal', 'joint', 'forced'), 'cli.identify_records'),
     'servo': 'cli.identify_servo',
-    'model': 'cli.identify_model',
-    'excite': 'cli.identify_excite',
-    'apply': 'cli.identify_results',
-    'compare': 'cli.identify_results',
-    'postures': 'cli.identify_results',
+    **dict.fromkeys(('model', 'excite'), 'cli.identify_model'),
+    **dict.fromkeys(('apply', 'compare', 'postures'), 'cli.identify_results'),
     'selftest': 'studies.selftest',
 }
 DEFAULT_ACTION = 'modal'
+
+BAD_INPUT = 1
+DOUBTFUL = 2
+NOT_IDENTIFIABLE = 3
+INTERRUPTED = 130  # 128 + SIGINT, as shells report it
+
+VERDICTS = {'good': 0, 'doubtful': DOUBTFUL, 'not identifiable': NOT_IDENTIFIABLE}
+
+
+def exit_status(verdict: str) -> int:
+    """Return the exit status of a verdict: good, doubtful or not identifiable."""
+    return VERDICTS[verdict]

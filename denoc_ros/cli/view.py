@@ -3,44 +3,252 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
+import math
 import os
 import signal
 import sys
 import threading
 import webbrowser
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from denoc_ros.cli.arguments import add_gravity
+from denoc_ros.bags.reader import read_description
+from denoc_ros.cli.arguments import add_gravity, add_numbers
 from denoc_ros.cli.config import find_file, read_yaml, share_directory
-from denoc_ros.cli.film import add_film_options, wants_pictures, write_pictures
-from denoc_ros.cli.recorded_run import add_run_options, open_run
-from denoc_ros.cli.verbs import VERBS
+from denoc_ros.cli.progress import Progress
 from denoc_ros.dynamics.robot import Robot, load_robot
-from denoc_ros.errors import ConfigError, DenocError
-from denoc_ros.reports.run_files import EARTH
+from denoc_ros.errors import BagError, ConfigError, DenocError
+from denoc_ros.reports.run_files import EARTH, find_bag, plant_of, read_session, recording_name
 
-if TYPE_CHECKING:  # an optional extra
+if TYPE_CHECKING:
+    from denoc_ros.viewer.film import Look
     from denoc_ros.viewer.page import Page
+    from denoc_ros.viewer.recorded import RecordedRun
 
+SOURCES = ('plant', 'predictor', 'replay', 'joints')
+VIEWS = ('auto', 'side', 'top', 'front', 'iso')
+STRIP_RATE = 60.0  # Hz
 DEFAULT_PORT = 8080
 FIRST = 'canadarm'  # that the gallery shows
 BAG_SUFFIXES = ('.mcap', '.db3')
 PAGE_RATE = 60.0  # moments per second of a run, at most
+DESCRIPTION = (
+    'Serve a page that shows the deformed robot until interrupted, on this machine only unless '
+    '--host allows more. Without a robot: a gallery of the systems in the book. With --video or '
+    '--strip: write a film or a picture of a run instead.'
+)
 
 
-def add_parser(subparsers: Any) -> None:
-    """Declare the verb's arguments."""
-    parser = subparsers.add_parser(
-        'view',
-        help=(VERBS['view']),
-        description=(
-            'Serve a page that shows the deformed robot until interrupted, on this machine '
-            'only unless --host allows more. Without a robot: a gallery of the systems in the '
-            'book. With --video or --strip: write a film or a picture of a run instead.'
+@dataclass(frozen=True)
+class OpenedRun:
+    """A run and its robot.
+
+    Attributes
+    ----------
+    run : RecordedRun
+    robot : Robot
+    title : str
+        The robot's name and the run's.
+    folder : Path or None
+        Where relative names of the robot's mesh files start, where it came from a file.
+    """
+
+    run: RecordedRun
+    robot: Robot
+    title: str
+    folder: Path | None
+
+
+def add_run_options(parser: argparse.ArgumentParser) -> None:
+    """Declare the options that select a part of a run, and its robot."""
+    group = parser.add_argument_group('a recorded run')
+    group.add_argument(
+        '--robot', help=(
+            'URDF file of the robot, in this folder or in the installed package; default: the '
+            'one in the bag'
         ),
+    )  # fmt: skip
+    group.add_argument(
+        '--source',
+        choices=SOURCES,
+        default='',
+        help='source of the deflection; default: the first of these in the bag',
     )
+    group.add_argument(
+        '--from',
+        dest='start',
+        type=float,
+        metavar='S',
+        default=-math.inf,
+        help='first time to show [s]',
+    )
+    group.add_argument(
+        '--to',
+        dest='end',
+        type=float,
+        metavar='S',
+        default=math.inf,
+        help='last time to show [s]',
+    )
+
+
+def open_run(args: argparse.Namespace, path: Path, rate: float) -> OpenedRun:
+    """Open a run.
+
+    Parameters
+    ----------
+    args : Namespace
+        Of `add_run_options`, and `gravity`.
+    path : Path
+        A bag, or the directory of a run.
+    rate : float
+        Moments per second, at most.
+
+    Raises
+    ------
+    BagError, ConfigError, ModelError
+        The run cannot be read, or not with this robot.
+    """
+    from denoc_ros.viewer.recorded import RecordedRun
+
+    if not args.start < args.end:
+        raise ConfigError(
+            '--to', [f'it must be beyond --from, got {args.start:g} to {args.end:g}']
+        )
+    bag, session = find_bag(path), read_session(path)
+    source = robot_source(bag, args.robot)
+    robot = load_robot(source, gravity=args.gravity or session.get('gravity', EARTH))
+    if args.source in ('', 'plant'):
+        robot = plant_of(robot, session)
+    run = RecordedRun(bag, robot, args.source, args.start, args.end, rate)
+    file = source if isinstance(source, Path) else _session_robot(session)
+    name = session.get('name') or recording_name(path)
+    title = robot.tree.name if name == robot.tree.name else f'{robot.tree.name}: {name}'
+    return OpenedRun(run, robot, title, file.parent if file is not None else None)
+
+
+def robot_source(bag: Path, given: str | None) -> str | Path:
+    """Return the file of the robot that was given, else the text of the recorded one.
+
+    Raises
+    ------
+    BagError
+        None was given and the bag has none.
+    """
+    if given is not None:
+        return find_file(Path(given), Path()) or Path(given)
+    if text := read_description(bag):
+        return text
+    raise BagError(f'{bag}: bag must hold the robot where --robot is not given, got none')
+
+
+def _session_robot(session: dict[str, object]) -> Path | None:
+    """Return the file that the run's robot came from, for the meshes beside it."""
+    file = Path(str(session.get('robot', '')))
+    return file if file.is_file() else None
+
+
+def add_film_options(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of films and strips."""
+    group = parser.add_argument_group('films and pictures of a recorded run, without a display')
+    group.add_argument('--video', type=Path, metavar='FILE', help='write a film, .mp4 or .gif')
+    group.add_argument(
+        '--strip',
+        type=Path,
+        metavar='FILE',
+        help='write some snapshots of the run into one .png',
+    )
+    group.add_argument(
+        '--phases',
+        nargs='+',
+        default=[],
+        metavar='NAME',
+        help='phases that the film shows beside each other, each from its beginning',
+    )
+    add_numbers(
+        group,
+        ('--moments N', 6, 'number of snapshots of the strip, default 6'),
+        ('--speed', 1.0, 'speed of the film: 0.1 is ten times slower than real time'),
+        ('--fps', None, 'frames per second, default 30, for a GIF 20'),
+    )
+    group.add_argument(
+        '--size', default='', metavar='WxH', help='size in pixels, default 1280x720'
+    )
+    group.add_argument('--view', choices=VIEWS, default='auto', help='direction of view')
+
+
+def wants_pictures(args: argparse.Namespace) -> bool:
+    """Say whether a film or a strip was asked for."""
+    return args.video is not None or args.strip is not None
+
+
+def write_pictures(args: argparse.Namespace, path: Path) -> list[Path]:
+    """Write the film and the strip that were asked for.
+
+    Parameters
+    ----------
+    args : Namespace
+        Of `add_film_options` and `add_run_options`, and `scale`.
+    path : Path
+        The run.
+
+    Returns
+    -------
+    list of Path
+        What was written.
+
+    Raises
+    ------
+    DenocError
+        For a file of another kind, an option that is out of range, or a run without moments.
+    """
+    from denoc_ros.viewer import film
+
+    rate = STRIP_RATE
+    if args.strip is not None:
+        film.require_suffix(args.strip, film.STRIP_SUFFIXES)
+    if args.video is not None:
+        suffix = film.require_suffix(args.video, film.FILM_SUFFIXES)
+        fps = film.FPS[suffix] if args.fps is None else args.fps
+        film.frame_times(0.0, 1.0, fps, args.speed)
+        rate = max(rate, fps / args.speed)
+    look = film.Look(args.scale or 0.0, args.view, _size(args.size), phases=tuple(args.phases))
+    opened = open_run(args, path, rate)
+    look = dataclasses.replace(look, title=opened.title, folder=opened.folder)
+    if args.strip is not None:
+        film.write_strip(opened.run, opened.robot, args.strip, look, args.moments)
+    if args.video is not None:
+        _film(args, opened, look)
+    return [file for file in (args.strip, args.video) if file is not None]
+
+
+def _film(args: argparse.Namespace, opened: OpenedRun, look: Look) -> None:
+    from denoc_ros.viewer.film import write_film
+
+    run = opened.run
+    start, end = run.span
+    if look.phases:
+        start, end = 0.0, max(b - a for a, b in map(run.phase_span, look.phases))
+    with Progress().phase(f'drawing {args.video.name}', end - start) as show:
+        write_film(run, opened.robot, args.video, look, args.fps, args.speed, show)
+
+
+def _size(text: str) -> tuple[int, int]:
+    """Return width and height of WxH."""
+    if not text:
+        return 1280, 720
+    width, _, height = text.lower().partition('x')
+    try:
+        return int(width), int(height)
+    except ValueError:
+        raise ConfigError('--size', [f'it must be WxH in pixels, got {text!r}']) from None
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Declare the verb's arguments."""
     parser.add_argument(
         'shown',
         nargs='?',

@@ -4,30 +4,198 @@ from __future__ import annotations
 
 import argparse
 import logging
+import os
+import pkgutil
+import subprocess
+import sys
 import time
+from collections.abc import Callable, Sequence
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from denoc_ros.cli import kernels_ahead
+from denoc_ros import kernels as package
 from denoc_ros.cli.progress import Progress
-from denoc_ros.cli.verbs import VERBS
-from denoc_ros.kernels.cache import cache_folder
+from denoc_ros.dynamics.robot_model import CONSTRAINT_KERNELS, KERNELS
+from denoc_ros.dynamics.stepper import DRIVEN_KERNELS
+from denoc_ros.errors import DenocError
+from denoc_ros.kernels import inverse, inverse_derivatives, kalman, message_values, world
+from denoc_ros.kernels.cache import cache_folder, is_kept
+from denoc_ros.kernels.compiled import DECLARED, ready
 from denoc_ros.model.tree import Tree
 from denoc_ros.model.urdf import load_tree
 
+ORDERS = ('first', 'last')  # from which end of the list a process begins
+# s of a processor, on the machine of docs/rates.md
+HEAVY = {
+    'constrained_derivatives_rows': 60.0,
+    'advance_tied': 17.0,
+    'forward_dynamics': 16.0,
+    'inverse_dynamics_derivatives': 15.0,
+    'frame_acceleration_derivatives_rows': 5.0,
+}
+USUAL = 1.5  # s of any other
+# that the speed is measured by: the first loads the compiler, neither calls an algorithm apart
+PROBES, PROBED = ('limit_torque', 'write_quaternion'), 0.17  # s of a processor, of the second
+SPEEDS = (0.1, 4.0)  # that so short a look may find
+LOADING = 3.0  # s until a process has loaded the compiler
+LOOK = 0.1  # s
+OF_LOOPS = ('clos', 'constrain')  # how modules begin that only robots with constraints need
 LOG = logging.getLogger('denoc_ros')
+DESCRIPTION = (
+    'Compile the kernels of all commands and nodes in two processes, and cache them for all '
+    'processes of this user. Cached kernels are only loaded.'
+)
 
 
-def add_parser(subparsers: Any) -> None:
+def all_kernels(loops: bool = True) -> list[Any]:
+    """Return all that any command or node may compile, heavy ones at both ends.
+
+    Parameters
+    ----------
+    loops : bool
+        Whether those for robots with constraints are among them.
+    """
+    for module in pkgutil.iter_modules(package.__path__):
+        import_module(f'{package.__name__}.{module.name}')
+    found = [each for each in DECLARED if loops or not _module(each).startswith(OF_LOOPS)]
+    return _heavy_at_both_ends(found)
+
+
+def kernels(loops: bool, plans: bool) -> list[Any]:
+    """Return the kernels of a session: heavy ones at both ends.
+
+    Parameters
+    ----------
+    loops : bool
+        Whether the robot has constraints.
+    plans : bool
+        Whether a phase shapes its reference, or a node plans.
+    """
+    of_robot = CONSTRAINT_KERNELS if loops else DRIVEN_KERNELS
+    found = [*KERNELS, *of_robot, inverse_derivatives.inverse_dynamics_derivatives]
+    found += [kalman.take_values, message_values.take_numbers]
+    if plans:
+        found += [
+            inverse.inverse_dynamics_rows,
+            world.frame_pose_rows,
+            world.frame_jacobian_rows,
+            inverse_derivatives.inverse_dynamics_derivatives_rows,
+        ]
+    return _heavy_at_both_ends(found)
+
+
+def missing(wanted: Sequence[Any]) -> list[Any]:
+    """Return the kernels that are not in the cache."""
+    return [each for each in wanted if not is_kept(each)]
+
+
+def estimate(wanted: Sequence[Any], speed: float = 1.0) -> float:
+    """Estimated time to compile the missing kernels [s], 0 if none is missing.
+
+    `speed` is that of this machine, as :func:`measured_speed` finds it.
+    """
+    each = [_seconds(kernel) for kernel in missing(wanted)]
+    if not each:
+        return 0.0
+    share = sum(each) / min(len(ORDERS), len(os.sched_getaffinity(0)))
+    return max(share, max(each)) / speed + LOADING
+
+
+def measured_speed(wanted: Sequence[Any]) -> float:
+    """Compile a small kernel that is missing; return how fast, 1 on the machine of docs/rates.md.
+
+    By processor time: beside other work all takes longer. 1 where the kernel is kept already.
+    """
+    left = {each.py_func.__name__: each for each in missing(wanted)}
+    if not set(PROBES) <= set(left):
+        return 1.0
+    ready(left[PROBES[0]])
+    began = time.process_time()
+    ready(left[PROBES[1]])
+    slowest, fastest = SPEEDS
+    return min(max(PROBED / (time.process_time() - began), slowest), fastest)
+
+
+def counted(wanted: Sequence[Any]) -> str:
+    """Return how many kernels there are, in words."""
+    return '1 kernel' if len(wanted) == 1 else f'{len(wanted)} kernels'
+
+
+def compile_all(wanted: Sequence[Any], watch: Callable[[], None] = lambda: None) -> None:
+    """Compile in processes beside each other; return when all is in the cache.
+
+    Parameters
+    ----------
+    wanted : sequence of dispatchers
+        Each declared in denoc_ros.kernels.
+    watch : callable
+        Called while they work; may raise.
+
+    Raises
+    ------
+    DenocError
+        A process failed.
+    """
+    names = [_name(each) for each in wanted]
+    processes = [
+        subprocess.Popen(
+            [sys.executable, '-m', 'denoc_ros.cli.warmup', order, *names],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        for order in ORDERS
+    ]
+    try:
+        while any(process.poll() is None for process in processes):
+            watch()
+            time.sleep(LOOK)
+        for process in processes:
+            assert process.stderr is not None
+            if process.returncode:
+                raise DenocError(
+                    f'kernels: compilation must succeed, got exit status {process.returncode}\n'
+                    f'{process.stderr.read()[-2000:]}'
+                )
+    finally:
+        for process in processes:
+            process.kill()
+            process.communicate()
+
+
+def _heavy_at_both_ends(wanted: Sequence[Any]) -> list[Any]:
+    ordered = sorted(wanted, key=_seconds, reverse=True)
+    return [*ordered[::2], *reversed(ordered[1::2])]
+
+
+def _seconds(kernel: Any) -> float:
+    return HEAVY.get(kernel.py_func.__name__, USUAL)
+
+
+def _module(kernel: Any) -> str:
+    return str(kernel.py_func.__module__.rpartition('.')[2])
+
+
+def _name(kernel: Any) -> str:
+    return f'{_module(kernel)}.{kernel.py_func.__qualname__}'
+
+
+def main(arguments: list[str]) -> None:
+    """Compile from one end of the list."""
+    order, *names = arguments
+    known = {_name(each): each for each in all_kernels()}
+    for name in names if order == ORDERS[0] else reversed(names):
+        ready(known[name])
+
+
+if __name__ == '__main__':
+    main(sys.argv[1:])
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
-    parser: argparse.ArgumentParser = subparsers.add_parser(
-        'warmup',
-        help=VERBS['warmup'],
-        description=(
-            'Compile the kernels of all commands and nodes in two processes, and cache them for '
-            'all processes of this user. Cached kernels are only loaded.'
-        ),
-    )
     parser.add_argument(
         'robot',
         nargs='?',
@@ -52,15 +220,15 @@ def run(args: argparse.Namespace) -> int:
     """
     LOG.info('loading the compiler')
     loops = args.robot is None or has_constraints(load_tree(args.robot))
-    wanted = kernels_ahead.all_kernels(loops)
+    wanted = all_kernels(loops)
     began = time.perf_counter()
-    if kernels_ahead.missing(wanted):
-        speed = kernels_ahead.measured_speed(wanted)
-        left = kernels_ahead.missing(wanted)
-        what = f'compiling {kernels_ahead.counted(left)}, once per version and user'
-        with Progress().step(what, kernels_ahead.estimate(wanted, speed)):
-            kernels_ahead.compile_all(left)
+    if missing(wanted):
+        speed = measured_speed(wanted)
+        left = missing(wanted)
+        what = f'compiling {counted(left)}, once per version and user'
+        with Progress().step(what, estimate(wanted, speed)):
+            compile_all(left)
     took = time.perf_counter() - began
-    said = kernels_ahead.counted(wanted)
+    said = counted(wanted)
     print(f'{said} ready after {took:.1f} s, kept in {cache_folder()}')
     return 0

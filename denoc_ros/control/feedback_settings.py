@@ -2,51 +2,14 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
-from denoc_ros.errors import StateError
-
-POSITIVE = (
-    'period', 'tip_error', 'tip_turn', 'joint_error', 'effort_share', 'model_error',
-    'position_noise', 'velocity_noise', 'sensor_timeout',
-)  # fmt: skip
-
-NOT_NEGATIVE = {'delay': 's', 'sensor_delay': 's', 'integral_time': 's', 'joint_bandwidth': 'Hz'}
+from denoc_ros.settings import require_declared, setting
 
 
 @dataclass(frozen=True)
 class FeedbackSettings:
     """Weights, delays and noise of the state feedback.
-
-    Attributes
-    ----------
-    period : float
-        Of the loop [s].
-    tip : str
-        Frame that is to be where the plan has it.
-    delay : float
-        From a measurement to the torque that answers it [s], without the hold of one period.
-    sensor_delay : float
-        How much later than the joints' the sensors' values come [s].
-    tip_error, tip_turn, joint_error : float
-        Errors [m, rad, rad or m] that are each worth as much as `effort_share`.
-    effort_share : float
-        Share of the effort limits.
-    integral_time : float
-        s in which an error that stays asks for as much again; 0: no integral action.
-    model_error : float
-        How far the plan's torques and elastic forces may be off, as a share of them.
-    position_noise, velocity_noise : float
-        Standard deviations of the measured joints [rad or m, and per s]; rates are
-        not measured where `velocity_noise` is infinite.
-    sensor_timeout : float
-        s without a good value of each sensor after which the estimate is not believed.
-    joint_bandwidth : float
-        Of the feedback of each joint's own deviation, which is in while the joints are measured
-        and with which the other is designed [Hz]; 0: none.
-    limit : float
-        Largest torque of the feedback, as a share of the effort limits.
 
     Raises
     ------
@@ -54,30 +17,87 @@ class FeedbackSettings:
         If a value is out of range.
     """
 
-    period: float
-    tip: str
-    delay: float
-    sensor_delay: float = 0.0
-    tip_error: float = 0.009
-    tip_turn: float = 0.01
-    joint_error: float = 0.01
-    effort_share: float = 0.1
-    integral_time: float = 0.3
-    model_error: float = 0.4
-    position_noise: float = 1e-5
-    velocity_noise: float = 1e-4
-    sensor_timeout: float = 0.05
-    joint_bandwidth: float = 0.3
-    limit: float = 0.5
+    period: float = setting(float, 'period of the loop', 's', positive=True, finite=True)
+    tip: str = setting(str, 'frame to keep on the plan')
+    delay: float = setting(
+        float,
+        'delay from a measurement to the torque that responds to it, without the hold of a period',
+        's',
+        0.0,
+        finite=True,
+    )
+    sensor_delay: float = setting(
+        0.0, "delay of the sensors' values after the joints'", 's', 0.0, finite=True
+    )
+    tip_error: float = setting(
+        0.009,
+        'position error of the tip that is weighted like `effort_share`',
+        'm',
+        positive=True,
+        finite=True,
+    )
+    tip_turn: float = setting(
+        0.01, 'rotation error of the tip with the same weight', 'rad', positive=True, finite=True
+    )
+    joint_error: float = setting(
+        0.01,
+        "joint error with the same weight, in addition to the tip's",
+        'rad, m',
+        positive=True,
+        finite=True,
+    )
+    effort_share: float = setting(
+        0.1,
+        'share of the effort limits with the same weight as these errors',
+        positive=True,
+        finite=True,
+    )
+    integral_time: float = setting(
+        0.3,
+        'time after which the integral of a constant error doubles the torque; 0: no integral',
+        's',
+        0.0,
+        finite=True,
+    )
+    model_error: float = setting(
+        0.4,
+        "assumed error of the model's torques and elastic forces, as a share",
+        positive=True,
+        finite=True,
+    )
+    position_noise: float = setting(
+        1e-5,
+        'standard deviation of measured joint positions',
+        'rad, m',
+        positive=True,
+        finite=True,
+    )
+    # infinite: rates are not measured
+    velocity_noise: float = setting(
+        1e-4, 'standard deviation of measured joint velocities', 'rad/s, m/s', positive=True
+    )
+    sensor_timeout: float = setting(
+        0.05,
+        "longest time without a good value of every sensor; then the plan and the joints' own "
+        'feedback alone',
+        's',
+        positive=True,
+        finite=True,
+    )
+    joint_bandwidth: float = setting(
+        0.3,
+        "bandwidth of each joint's own feedback, which goes on while sensors are silent or wrong; "
+        'lowered where it is not stable; 0: none',
+        'Hz',
+        0.0,
+        finite=True,
+    )
+    limit: float = setting(
+        0.5,
+        'largest torque, as a share of the effort limit',
+        maximum=1.0,
+        positive=True,
+    )
 
     def __post_init__(self) -> None:
-        for name in POSITIVE:
-            value = getattr(self, name)
-            if not value > 0.0 or (math.isinf(value) and name != 'velocity_noise'):
-                raise StateError(f'state feedback: {name} must be > 0, got {value}')
-        for name, unit in NOT_NEGATIVE.items():
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value >= 0.0):
-                raise StateError(f'state feedback: {name} must be >= 0 {unit}, got {value}')
-        if not 0.0 < self.limit <= 1.0:
-            raise StateError(f'state feedback: limit must be in (0, 1], got {self.limit}')
+        require_declared(self, 'state feedback')

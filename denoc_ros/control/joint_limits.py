@@ -194,7 +194,7 @@ def _checked(robot: Robot, what: str, value: Given, before: Array) -> Array:
         except ValueError:
             raise StateError(
                 f'limits: {what} must have one element, or one for each of {len(names)} joints, '
-                f'got {np.shape(value)}'
+                f'got {value!r}'
             ) from None
     if not (found > 0.0).all():
         raise StateError(f'limits: {what} must be > 0, got {found.tolist()}')

@@ -187,16 +187,25 @@ def shortest(
         if settled and excess(here) > NEAR and best is None:
             # no step helps from beyond the limits: go on from a slower motion
             coefficients = coefficients / (1.0 + max(1.2 * excess(here), 0.05))
-            here, radius, settled = problem.solve(coefficients, None), START, False
+            try:
+                slower = problem.solve(coefficients, None)
+            except SolverError as error:
+                raise SolverError(f'{_broken(problem, here)}; {error}') from error
+            here, radius, settled = slower, START, False
         if settled:
             break
     if best is None:
-        worst = int(np.abs(here.shares).max(axis=0).argmax())
-        raise SolverError(
-            f'shape_motion: the motion must keep its limits, got {1.0 + excess(here):.4g} times '
-            f'that of {problem.names[worst]} after {round_ + 1} rounds'
-        )
+        raise SolverError(f'{_broken(problem, here)} after {round_ + 1} rounds')
     return Found(*best, gains, round_ + 1, settled)
+
+
+def _broken(problem: MinimumTimeProblem[S], solution: S) -> str:
+    """Say which limit a motion is most beyond."""
+    worst = int(np.abs(solution.shares).max(axis=0).argmax())
+    return (
+        f'shape_motion: the motion must keep its limits, got {1.0 + excess(solution):.4g} times '
+        f'that of {problem.names[worst]} in {solution.duration:.4g} s'
+    )
 
 
 def _corrected(

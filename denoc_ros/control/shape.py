@@ -185,10 +185,16 @@ def _motion(robot: Robot, times: ArrayLike, q_joints: ArrayLike) -> tuple[Array,
     if joints.shape == (len(at), len(driven)) and not loops:
         joints = DrivenJoints(robot, 'shape_motion').all(joints)
     shape = (len(at), len(robot.joint_names))
-    if joints.shape != shape or not np.isfinite(joints).all():
+    if joints.shape != shape:
         raise StateError(
-            f'shape_motion: q_joints must be finite and have shape {(len(at), len(driven))} '
+            f'shape_motion: q_joints must have shape {(len(at), len(driven))} '
             f'(times, driven joints {list(driven)}), got {joints.shape}'
+        )
+    if not np.isfinite(joints).all():
+        row, column = np.argwhere(~np.isfinite(joints))[0]
+        raise StateError(
+            f'shape_motion: q_joints must be finite, got {joints[row, column]} of '
+            f'{robot.joint_names[column]!r} at {at[row]:.4g} s'
         )
     return at, joints
 

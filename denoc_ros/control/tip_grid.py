@@ -69,6 +69,11 @@ class TipGrid:
         return float(self.nodes[1] - self.nodes[0])
 
     @property
+    def tip_error(self) -> float:
+        """Largest weighed error of the tips at the nodes, as a share of their distance."""
+        return float(np.abs(self.problem.errors(self.solved.q)).max() / _size(self.problem))
+
+    @property
     def motion(self) -> GridMotion:
         """The motion between nodes, too."""
         q = self.solved.q

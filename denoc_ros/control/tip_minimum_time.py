@@ -10,6 +10,7 @@ from typing import TypeVar
 import numpy as np
 import scipy.optimize
 import scipy.sparse as sparse
+from scipy.integrate import cumulative_trapezoid
 from scipy.interpolate import make_interp_spline
 
 from denoc_ros.control.asked_motion import AskedMotion, RetimedMotion
@@ -35,11 +36,15 @@ CELLS = 200  # of a rigid robot's path
 MOMENTS = 4  # of each cell: its ends, and between
 KNOTS = 800  # of its spline
 FINE = 4000  # moments at which the length of its way is summed up
+STANDS = 1e-9  # rad, m: a motion that is none
 NEWTON = 3  # steps to the moments of its knots
+LITTLE_TURN = 1e-3  # rad: of a path that is straight
 EDGE = 0.05  # of the first and last cell: where they are looked at beside rest
 # limits that bound the pace, and those that need rows in even steps of time
 PACED = {'velocity', 'acceleration', 'jerk', 'effort', 'effort_rate', 'strain', 'moment', *TIPS}
 IN_TIME = {'jerk', 'effort_rate', 'tip_speed', 'tip_acceleration'}
+EXACT = 1e-6  # of the tip's distance: errors that are as small as may be
+STRAYED = 5.0  # times those of the motion before: steps from it went astray
 SHORTEST = 0.7  # of the window before and after, which shrinks with the motion
 
 
@@ -78,19 +83,25 @@ class TipMinimumTime:
     def solve(self, coefficients: Array, near: tuple[TimedTip, Array] | None) -> TimedTip:
         """Return the motion with coefficients (p,)."""
         timing = Timing(self._basis, coefficients)
+        require_in_time(timing, self._asked, self._grids.options)
         asked = RetimedMotion(self._asked, timing)
         if near is None:
-            grid = self._grids.solve(asked, NODES, 0)
+            grid = self._anew(asked)
             require_rest(self.names, self._rows.values(at_rest(grid), 1.0))
             self._window = -float(grid.nodes[0]), float(grid.nodes[-1]) - timing.duration
         else:
             grid = self._from(near, timing, asked)
+            if grid.tip_error > STRAYED * max(near[0].grid.tip_error, EXACT):
+                grid = self._anew(asked)  # from afar steps may end where a tip is let go
         q = grid.solved.q
         qd, qdd = differences(q, grid.step)
         torque = grid.problem.torque(q, qd, qdd, grid.solved.multipliers)
         at = Moments(q, qd, qdd, torque)
         shares = self._rows.values(at, grid.step)
         return TimedTip(timing, asked, grid, at, shares * self._narrowed(timing, grid.nodes))
+
+    def _anew(self, asked: RetimedMotion) -> TipGrid:
+        return self._grids.solve(asked, NODES, 0)
 
     def _narrowed(self, timing: Timing, times: Array) -> Array:
         return self._rows.narrowed(timing.stations_at(times) / self._basis.stations[-1])
@@ -186,6 +197,15 @@ def require_rest(names: Sequence[str], shares: Array) -> None:
         )
 
 
+def require_in_time(timing: Timing, asked: AskedMotion, options: TipOptions) -> None:
+    """Refuse timings that are slower than a motion may be made."""
+    stretch, longest = options.stretch, options.stretch * asked.duration
+    if timing.duration > longest * (1.0 + WITHIN):
+        raise SolverError(
+            f'a slower motion takes more than the {longest:.4g} s that stretch {stretch:g} allows'
+        )
+
+
 def timing_of(old: TimedTip, timing: Timing) -> Array:
     """Return when a timing passes what the nodes of a motion with another one pass (k,)."""
     nodes = old.grid.nodes
@@ -213,7 +233,8 @@ class RigidMinimumTime:
     """The timing of a rigid robot's path (see :class:`MinimumTimeProblem`).
 
     The path's parameter is the length of the joints' way; the squared pace x is linear from
-    station to station, so that accelerations are constant between them.
+    station to station, so that accelerations are constant between them. Stations are closer
+    where the path turns: they share its length and its turns evenly.
     """
 
     def __init__(self, grids: TipGrids, asked: AskedMotion, rows: LimitRows) -> None:
@@ -223,8 +244,6 @@ class RigidMinimumTime:
         speed = make_interp_spline(even, np.linalg.norm(asked.joint_spline(even, 1), axis=1), k=3)
         way = speed.antiderivative()
         length = float(way(asked.duration))
-        if not length > 0.0:
-            raise StateError('shape_motion: q_joints must move for minimum time, got one posture')
         self._asked_at = np.linspace(0.0, length, KNOTS + 1)
         self._moment = np.interp(self._asked_at, way(even), even)
         for _ in range(NEWTON):
@@ -234,29 +253,37 @@ class RigidMinimumTime:
         q = asked.coordinates(np.array([0.0, asked.duration]))
         rest = Moments(q, 0.0 * q, 0.0 * q, self._torque(q, 0.0 * q, 0.0 * q))
         require_rest(self.names, rows.values(rest, 1.0))
-        self._basis = TimingBasis.linear(np.linspace(0.0, length, CELLS + 1))
+        self._basis = TimingBasis.linear(self._stations())
+        self._apart = np.diff(self._basis.stations)
         share: Array = np.tile(np.linspace(0.0, 1.0, MOMENTS), (CELLS, 1))
         share[0, 0], share[-1, -1] = EDGE, 1.0 - EDGE  # at rest there is no friction
         self._cell = np.repeat(np.arange(CELLS), MOMENTS)
         self._share = share.ravel()
-        s = (self._cell + self._share) * length / CELLS
-        self._rows_of_path = tuple(np.asarray(self._path(s, order)) for order in range(3))
+        self._at = self._basis.stations[self._cell] + self._share * self._apart[self._cell]
+        self._rows_of_path = tuple(np.asarray(self._path(self._at, k)) for k in range(3))
         self.first = np.ones(self._basis.design.shape[1]) * (length / asked.duration) ** 2
+
+    def _stations(self) -> Array:
+        """Return stations (CELLS + 1,): between them is as much of the length and of the turns."""
+        bends = np.linalg.norm(self._path(self._asked_at, 2), axis=1)
+        turns = cumulative_trapezoid(bends, self._asked_at, initial=0.0)
+        share = self._asked_at / self._asked_at[-1] + turns / max(float(turns[-1]), LITTLE_TURN)
+        even = np.linspace(0.0, float(share[-1]), CELLS + 1)
+        return np.asarray(np.interp(even, share, self._asked_at))
 
     def program(self, solution: TimedPath) -> Objective:
         """Return the duration's parts."""
-        return Objective(np.diff(self._basis.stations), self._basis.design)
+        return Objective(self._apart, self._basis.design)
 
     def solve(self, coefficients: Array, near: tuple[TimedPath, Array] | None) -> TimedPath:
         """Return the motion with coefficients (p,)."""
         timing = Timing(self._basis, coefficients)
+        require_in_time(timing, self._asked, self._grids.options)
         at = self._moments(timing)
         return TimedPath(timing, self._rows.values(at, 1.0) * self._narrowed(), at)
 
     def _narrowed(self) -> Array:
-        place = np.interp(
-            (self._cell + self._share) / CELLS * self._asked_at[-1], self._asked_at, self._moment
-        )
+        place = np.interp(self._at, self._asked_at, self._moment)
         return self._rows.narrowed(place / self._asked.duration)
 
     def _moments(self, timing: Timing) -> Moments:
@@ -274,15 +301,15 @@ class RigidMinimumTime:
         square = timing.pace**2
         before, after = square[self._cell], square[self._cell + 1]
         x = (1.0 - self._share) * before + self._share * after
-        return x, 0.5 * (after - before) / float(self._basis.stations[1])
+        return x, 0.5 * (after - before) / self._apart[self._cell]
 
     def jacobian(self, solution: TimedPath) -> sparse.csr_array:
         """Return the derivatives of the shares: each is of the stations beside it alone."""
         _, slope, bend = self._rows_of_path
         x, _ = self._squares(solution.timing)
         dx = np.stack([1.0 - self._share, self._share], axis=1)[:, None]
-        half = 0.5 / float(self._basis.stations[1])
-        da = np.tile([-half, half], (len(x), 1))[:, None]
+        half = 0.5 / self._apart[self._cell]
+        da = np.stack([-half, half], axis=1)[:, None]
         dq = np.zeros((*slope.shape, 2))
         dqd = 0.5 * (slope / np.sqrt(x)[:, None])[:, :, None] * dx
         dqdd = slope[:, :, None] * da + bend[:, :, None] * dx
@@ -307,8 +334,8 @@ class RigidMinimumTime:
         count = max(FEWEST, int(np.ceil(timing.duration / output - 1e-9)))
         t = np.linspace(0.0, timing.duration, count + 1)
         cell = np.clip(np.searchsorted(timing.t, t, side='right') - 1, 0, CELLS - 1)
-        square, apart = timing.pace**2, float(self._basis.stations[1])
-        a = 0.5 * (square[cell + 1] - square[cell]) / apart
+        square = timing.pace**2
+        a = 0.5 * (square[cell + 1] - square[cell]) / self._apart[cell]
         since, pace = t - timing.t[cell], timing.pace[cell]
         s = self._basis.stations[cell] + since * (pace + 0.5 * a * since)
         s = np.clip(s, 0.0, self._basis.stations[-1])
@@ -357,6 +384,9 @@ def fastest(grids: TipGrids, asked: AskedMotion, rows: LimitRows) -> Plan:
             'strain or such, got none'
         )
     own = TipGrids(robot, grids.frames, grids.driven, replace(options, progress=None, cancel=None))
+    some: Array = asked.coordinates(np.linspace(0.0, asked.duration, FEWEST + 1))
+    if not float(np.ptp(some, axis=0).max()) > STANDS:
+        raise StateError('shape_motion: q_joints must move for minimum time, got one posture')
     kinds = {name.split()[0] for name in rows.names}
     if robot.n == len(grids.driven) and not kinds & IN_TIME:
         rigid = RigidMinimumTime(own, asked, rows)

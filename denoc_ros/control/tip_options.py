@@ -48,7 +48,8 @@ class TipOptions(LimitOptions):
         ``asked``: the motion takes the time that was asked for, or is made slower as a whole.
         ``minimum``: its path stays and its timing is free: the shortest within the limits.
     stretch : float
-        The largest factor by which it may be made slower; 1: it is refused.
+        The largest factor by which it may be made slower, in minimum time as well; 1: it is
+        refused.
     near : Plan, optional
         A plan of a similar motion with ``time='minimum'`` whose timing is begun with.
     progress : callable, optional

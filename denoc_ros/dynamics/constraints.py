@@ -289,9 +289,6 @@ def raise_status(robot: RobotModel, status: int, **arguments: Array) -> None:
     )
 
 
-Int = NDArray[np.int64]
-
-
 def mimic_ties(
     robot: RobotModel, joints: Sequence[str] | None, held: Mapping[str, float]
 ) -> tuple[Array, Array, tuple[str, ...]]:

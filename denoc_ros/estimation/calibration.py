@@ -10,9 +10,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from denoc_ros.bags.series import INERTIAL_NUMBERS, read_joint_states, read_numbers
 from denoc_ros.dynamics.structure import sensor_rows
 from denoc_ros.dynamics.validation import as_vector
-from denoc_ros.errors import IdentificationError, StateError
+from denoc_ros.errors import ConfigError, IdentificationError, StateError
+from denoc_ros.estimation.joint_motion import smooth
 from denoc_ros.types import Array
 
 if TYPE_CHECKING:
@@ -31,6 +33,8 @@ SIGNIFICANT = 3.0  # standard errors that a slope must be from 0
 MOST_HYSTERESIS = 0.02
 MOST_CURVATURE = 0.02
 MOST_GAIN_ERROR = 0.01
+MOST_READINGS = 1000  # evenly out of all: the amplitudes of each are in equilibrium
+CUTOFF = 5.0  # Hz, of the joints' motion: vibration is not what is looked for
 
 
 @dataclass(frozen=True)
@@ -470,3 +474,62 @@ def _described(rotation: Array, bias: Array, covariance: Array, residual: Array)
         rotation, angle, angle_error, gyro[0], bias[-1], gyro[1], errors[-3:], gyro[2],
         float(residual[-1]), tuple(doubts),
     )  # fmt: skip
+
+
+def read_motion(
+    path: str, robot: Robot, name: str, where: str
+) -> tuple[Array, Array, Array, Array]:
+    """Return motion and readings of a sensor out of a bag, as `calibrate_mounting` takes them.
+
+    Parameters
+    ----------
+    path : str
+        The bag, with joint states and the sensor's topic.
+    robot : Robot
+    name : str
+        The sensor's.
+    where : str
+        The robot's name in errors.
+
+    Returns
+    -------
+    three (k, n) arrays
+        Positions, rates, accelerations; amplitudes in equilibrium.
+    (k, …) array
+        Readings.
+
+    Raises
+    ------
+    BagError, ConfigError, IdentificationError
+        The bag cannot be read or has too few readings, or the sensor has no topic.
+    """
+    (sensor,) = (s for s in robot.tree.inertial_sensors if s.name == name)
+    if not sensor.topic:
+        raise ConfigError(where, [f'sensor {sensor.name!r} must have a topic, got none'])
+    stamp_ns, readings = read_numbers(path, sensor.topic, INERTIAL_NUMBERS)
+    joints = read_joint_states(path, names=robot.joint_names)
+    inside = np.flatnonzero(
+        (stamp_ns >= joints.stamp_ns.min(initial=np.iinfo(np.int64).max))
+        & (stamp_ns <= joints.stamp_ns.max(initial=0))
+    )
+    if len(inside) < 10:
+        raise IdentificationError(
+            f'{name}: at least 10 readings must come with joint states, got {len(inside)}'
+        )
+    chosen = inside[np.linspace(0, len(inside) - 1, min(MOST_READINGS, len(inside))).astype(int)]
+    begin = joints.stamp_ns[0]
+    rising = np.flatnonzero(np.diff(joints.stamp_ns, prepend=begin - 1) > 0)
+    t = 1e-9 * (joints.stamp_ns[rising] - begin)
+    rates = joints.velocity[rising]
+    motion = smooth(
+        t, joints.position[rising], rates if np.isfinite(rates).all() else None, cutoff=CUTOFF
+    )
+    at = 1e-9 * (stamp_ns[chosen] - begin)
+    q, qd, qdd = (
+        np.column_stack([np.interp(at, t, column) for column in part.T])
+        for part in (motion.q, motion.qd, motion.qdd)
+    )
+    whole = np.zeros((3, len(at), robot.n))
+    whole[0] = robot.static_deflection(q)
+    whole[1][:, robot.joint_indices], whole[2][:, robot.joint_indices] = qd, qdd
+    return whole[0], whole[1], whole[2], readings[chosen]

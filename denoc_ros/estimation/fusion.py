@@ -15,6 +15,7 @@ from denoc_ros.dynamics.state_history import StateHistory
 from denoc_ros.dynamics.structure import composed_sensors, sensor_rows
 from denoc_ros.errors import StateError
 from denoc_ros.estimation.amplitude_filter import LARGEST, AmplitudeFilter
+from denoc_ros.settings import require_declared, setting
 from denoc_ros.types import Array
 
 if TYPE_CHECKING:
@@ -41,40 +42,44 @@ MOST_STEPS = 250  # a covariance older than this is started anew
 class FusionSettings:
     """How sensors are fused.
 
-    Attributes
-    ----------
-    model_error : float
-        How far the model's forces on the amplitudes may be off, as a share of the elastic forces.
-    initial_deflection : float
-        How far a tip may be off at the start, as a share of the beam's length; a tenth of it
-        where there are inertial sensors alone, which do not show it.
-    gate : float
-        Standard deviations of an innovation beyond which a value is an outlier.
-    patience : float
-        A sensor whose values are outliers for this long [s] is believed again.
-    timing_error : float
-        Standard deviation of the values' stamps [s]. It makes a value that changes quickly count
-        less; 0: stamps are exact.
-
     Raises
     ------
     StateError
         If a value is out of range.
     """
 
-    model_error: float = 0.2
-    initial_deflection: float = 0.01
-    gate: float = 5.0
-    patience: float = 0.2
-    timing_error: float = 0.001
+    model_error: float = setting(
+        0.2,
+        "assumed error of the model's forces, as a share of the elastic forces",
+        positive=True,
+    )
+    # a tenth of it where there are inertial sensors alone, which do not show it
+    initial_deflection: float = setting(
+        0.01,
+        "assumed error of a tip's deflection at the start, as a share of the beam's length",
+        positive=True,
+    )
+    gate: float = setting(
+        5.0,
+        'distance from the prediction, in standard deviations, beyond which a value is an outlier',
+        positive=True,
+    )
+    patience: float = setting(
+        0.2,
+        'time after which a sensor that gave only outliers is trusted again; inf: never',
+        's',
+        positive=True,
+    )
+    # it makes a value that changes quickly count less
+    timing_error: float = setting(
+        0.001,
+        "standard deviation of the error of the sensors' stamps; 0: stamps are exact",
+        's',
+        0.0,
+    )
 
     def __post_init__(self) -> None:
-        for name in ('model_error', 'initial_deflection', 'gate', 'patience'):
-            value = getattr(self, name)
-            if not value > 0.0:
-                raise StateError(f'fusion: {name} must be > 0, got {value}')
-        if not self.timing_error >= 0.0:
-            raise StateError(f'fusion: timing_error must be >= 0, got {self.timing_error}')
+        require_declared(self, 'fusion')
 
 
 class StrainFusion:

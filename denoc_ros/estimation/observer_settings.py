@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
-from denoc_ros.errors import StateError
 from denoc_ros.estimation.fusion import FusionSettings
+from denoc_ros.settings import require_declared, setting
 
 SOURCES = ('joints', 'torque')
 
@@ -17,23 +16,6 @@ class ObserverSettings:
 
     Attributes
     ----------
-    step : float
-        Time of one tick [s].
-    source : str
-        `joints`: the measured joint motion drives the amplitudes. `torque`: full forward
-        dynamics under the effort, joints corrected by measurement.
-    cutoff : float
-        Bandwidth of the filter on measured joint motion [Hz].
-    correction_cutoff : float
-        Bandwidth at which measured joints correct the model's [Hz] (`torque` only).
-    horizon : float
-        How far ahead deflections are predicted [s]; 0: not at all.
-    horizon_steps : int
-        Steps of that prediction at most, and of that from the last measurement to now; fewer
-        where they would be shorter than a tick.
-    max_age : float
-        Measurements older than this [s] are refused, and the estimate goes no further than this
-        beyond the last one.
     motor_effort : bool
         Whether efforts are those of the motors where joints are measured behind their springs.
     fusion : FusionSettings or None
@@ -45,26 +27,41 @@ class ObserverSettings:
         If a value is out of range.
     """
 
-    step: float
-    source: str = 'joints'
-    cutoff: float = 50.0
-    correction_cutoff: float = 10.0
-    horizon: float = 0.0
-    horizon_steps: int = 10
-    max_age: float = 0.05
+    step: float = setting(float, 'time of one tick', 's', positive=True, finite=True)
+    source: str = setting(
+        'joints',
+        'joints: measured joint motion drives the amplitudes; torque: forward dynamics from '
+        'the effort, joints corrected by measurement',
+        choices=SOURCES,
+    )
+    cutoff: float = setting(
+        50.0, 'bandwidth of the filter on measured joint motion', 'Hz', positive=True, finite=True
+    )
+    correction_cutoff: float = setting(
+        10.0,
+        'bandwidth with which measured joints correct the integrated ones of `source: torque`',
+        'Hz',
+        positive=True,
+        finite=True,
+    )
+    horizon: float = setting(
+        0.0,
+        'prediction horizon of `~/tip_deflection_predicted`; 0 = not published',
+        's',
+        0.0,
+        finite=True,
+    )
+    # of that from the last measurement to now as well; fewer where a step would be below a tick
+    horizon_steps: int = setting(10, 'largest number of integration steps over the horizon', '', 1)
+    max_age: float = setting(
+        0.05,
+        'age after which a measurement is refused, and to which the estimate goes beyond the last',
+        's',
+        positive=True,
+        finite=True,
+    )
     motor_effort: bool = False
     fusion: FusionSettings | None = None
 
     def __post_init__(self) -> None:
-        if self.source not in SOURCES:
-            raise StateError(
-                f'observer: source must be one of {", ".join(SOURCES)}, got {self.source!r}'
-            )
-        for name in ('step', 'cutoff', 'correction_cutoff', 'max_age'):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value > 0.0):
-                raise StateError(f'observer: {name} must be > 0, got {value}')
-        if not (math.isfinite(self.horizon) and self.horizon >= 0.0):
-            raise StateError(f'observer: horizon must be >= 0 s, got {self.horizon}')
-        if self.horizon_steps < 1:
-            raise StateError(f'observer: horizon_steps must be >= 1, got {self.horizon_steps}')
+        require_declared(self, 'observer')

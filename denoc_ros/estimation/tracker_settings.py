@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from denoc_ros.dynamics.parameter_columns import live_paths
-from denoc_ros.errors import ConfigError, StateError
+from denoc_ros.errors import ConfigError
 from denoc_ros.model.numbers import match, own_path, some_of
+from denoc_ros.settings import require_declared, setting
 from denoc_ros.types import Array
 
 if TYPE_CHECKING:
@@ -22,44 +23,65 @@ if TYPE_CHECKING:
 class TrackerSettings:
     """How parameters are tracked.
 
-    Attributes
-    ----------
-    step : float
-        Time over which joint states are drawn together [s]; longer where they come less often.
-    block : float
-        Time over which measured and predicted values are compared as means [s].
-    memory : float
-        Motion that is this old [s] counts a factor e less than the newest.
-    rate : float
-        The most that a value changes in a second, as a share of the width of its bounds.
-    model_error : float
-        How far the rest of the model may be off, as a share of its torques and elastic forces.
-    cutoff : float
-        Bandwidth of the filter that gives rates where joint states have none [Hz].
-    lag : float
-        How late sensors' values may come [s]: the tracking is so far behind.
-
     Raises
     ------
     StateError
         If a value is out of range.
     """
 
-    step: float = 0.005
-    block: float = 0.05
-    memory: float = 0.5
-    rate: float = 1.0
-    model_error: float = 0.01
-    cutoff: float = 10.0
-    lag: float = 0.05
+    step: float = setting(
+        0.005,
+        'time over which joint states are drawn together; longer where they come less often',
+        's',
+        positive=True,
+        finite=True,
+    )
+    block: float = setting(
+        0.05,
+        'time over which measured and predicted values are compared as means',
+        's',
+        positive=True,
+        finite=True,
+    )
+    memory: float = setting(
+        0.5,
+        'time of motion after which data count less by a factor e: longer is steadier, '
+        'shorter follows faster',
+        's',
+        positive=True,
+        finite=True,
+    )
+    rate: float = setting(
+        1.0,
+        'largest change of a number of `adapt` in a second, as a share of the width of its bounds',
+        '1/s',
+        positive=True,
+        finite=True,
+    )
+    model_error: float = setting(
+        0.01,
+        'assumed error of the rest of the model, as a share of its torques: what it explains '
+        'moves no number of `adapt`',
+        positive=True,
+        finite=True,
+    )
+    cutoff: float = setting(
+        10.0,
+        'bandwidth of the filter that gives rates where joint states have none',
+        'Hz',
+        positive=True,
+        finite=True,
+    )
+    lag: float = setting(
+        0.05,
+        "delay with which sensors' values may come: the tracking is so far behind",
+        's',
+        0.0,
+        finite=True,
+    )
 
     def __post_init__(self) -> None:
-        for name in ('step', 'block', 'memory', 'rate', 'model_error', 'cutoff'):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value > 0.0):
-                raise StateError(f'tracker: {name} must be > 0, got {value}')
-        if not (math.isfinite(self.lag) and self.lag >= 0.0):
-            raise StateError(f'tracker: lag must be >= 0 s, got {self.lag}')
+        require_declared(self, 'tracker')
 
 
 # Which numbers of a robot are tracked, and within which bounds ----------------------------------

@@ -8,14 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from denoc_ros.errors import IdentificationError
+from denoc_ros.identification.components import COMPARABLE_NEIGHBOUR, HEAVY
 from denoc_ros.identification.decrement import Convention, Decrement, log_decrement
 from denoc_ros.identification.fit import fit_modes
-from denoc_ros.identification.free_decay import COMPARABLE, HEAVY
 from denoc_ros.identification.modes import DOUBTFUL, GOOD, Modes, strongest
-from denoc_ros.identification.quality import Quality, assess
-from denoc_ros.identification.records import Record, doubtful_rate
+from denoc_ros.identification.records import Quality, Record, assess, doubtful_rate
+from denoc_ros.identification.segments import Span, decay_window, moving_until
 from denoc_ros.identification.spectra import Method, SpectralDecay, evolving_spectra
-from denoc_ros.identification.windows import Span, decay_window, moving_until
 from denoc_ros.types import Array
 
 CONVENTIONS: tuple[Convention, ...] = ('exact', 'book')
@@ -121,7 +120,9 @@ def _after_motion(record: Record, modes: Modes) -> tuple[Record, Modes] | None:
     if len(modes.frequency) < 2:
         return None
     k = strongest(modes.frequency, modes.energy)[0]
-    heavy = (modes.damping_ratio > HEAVY) & (modes.amplitude > COMPARABLE * modes.amplitude[k])
+    heavy = (modes.damping_ratio > HEAVY) & (
+        modes.amplitude > COMPARABLE_NEIGHBOUR * modes.amplitude[k]
+    )
     if modes.verdict[k] != GOOD or modes.damping_ratio[k] > HEAVY or not heavy.any():
         return None
     rates = 2.0 * np.pi * modes.frequency[heavy] * modes.damping_ratio[heavy]

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
+from scipy.optimize import least_squares
 
 from denoc_ros.identification.curves import (
     NORMAL_95,
@@ -16,14 +18,30 @@ from denoc_ros.identification.curves import (
     zeta_and_rate,
     zeta_deviation,
 )
-from denoc_ros.identification.damped import Damped, columns, fit_damped
-from denoc_ros.identification.drifting import drifting_rss
-from denoc_ros.identification.free_decay import later_start_differs, overlapping
-from denoc_ros.identification.lines import find_lines, suspects
+from denoc_ros.identification.damped import Damped, coloured, columns, fit_damped, local_variance
 from denoc_ros.identification.modes import AmplitudeCurve, Line
-from denoc_ros.identification.residual import coloured, local_variance
 from denoc_ros.types import Array
 
+HIGHEST_HARMONIC = 5
+MUCH_WEAKER = 0.1  # than the mode a suspect may be a harmonic of
+NEAR_HARMONIC = 0.3  # of one over the record's duration, for a suspect
+WEAKER = 0.3  # than each of its parents at the release
+DEVIATIONS = 3.0
+RESOLUTION = 0.1  # of one over the record's duration
+WIDTH = 0.5  # of its decay rate, for a line beside a residual that is no white noise
+FARTHEST = 0.03  # of the line's frequency, however uncertain it is
+FEWEST_CYCLES = 2.0  # of a parent in the record: a slower one is hardly told from the drift
+DECAY_MATCH = 0.3  # of the decay rate that the parents give
+DEGREES = (2, 3, 4, 5, 6)
+LATER = 0.5  # time constants
+MOST_CYCLES = 1.5
+SHORT = 0.15  # of the record: a time constant longer than that is seen for long enough
+SURPRISING = 30.0  # squared deviations of two numbers; noise alone passes it once in 3e6
+LARGE = 0.25  # of the decay rate
+GONE = 0.3  # standard deviations of the noise: a component smaller than that is left out
+FEWEST_SAMPLES = 16
+HEAVY = 0.05  # damping ratio from which on neighbours are looked at
+COMPARABLE_NEIGHBOUR = 0.1  # of its amplitude: smaller neighbours do not count
 CYCLES = 0.75  # in the record: less is part of the drift
 SEEN = 3.5  # time constants that a mode is seen for: 0.1 % of its energy is left
 NEAR = 2.0  # over the time that both of two modes are seen for [Hz]: maybe they are one
@@ -31,6 +49,214 @@ DRIFT_LEAVES = 0.02  # of a group's energy
 AS_LONG = 3.0  # times the time constant of what is no free decay
 COMPARABLE = 0.05  # of the larger amplitude: a smaller one is no part of one mode
 SMALLEST = 0.01  # of the largest: what a coloured residual lets pass for a mode
+
+
+def find_lines(fit: Damped, span: float) -> dict[int, Line]:
+    """Return the components that are no modes, by their number in the fit.
+
+    A product of damped cosines is one whose frequency and decay rate are sums of its parents'
+    (the n-th harmonic: n times both; a difference: of the frequencies only), and it is weaker.
+    """
+    size = np.abs(fit.complex_amplitudes)
+    variance = np.diag(fit.covariance()).reshape(-1, 2)
+    width = WIDTH if coloured(fit.residual) else 0.0
+    found: dict[int, Line] = {}
+    for k in np.argsort(size):
+        for multiples, origin in _combinations(fit.poles, int(k)):
+            parents = np.flatnonzero(multiples)
+            if any(p in found for p in parents) or size[k] > WEAKER * size[parents].min():
+                continue
+            if fit.poles[parents, 1].min() * span < 2.0 * np.pi * FEWEST_CYCLES:
+                continue
+            if _matches(fit.poles, variance, int(k), multiples, span, width):
+                sigma, omega = fit.poles[k]
+                frequency = float(omega / (2.0 * np.pi))
+                found[int(k)] = Line(frequency, float(sigma), float(size[k]), origin)
+                break
+    return found
+
+
+def suspects(fit: Damped, span: float) -> dict[int, str]:
+    """Weak components that may be harmonics by their frequencies alone, each with its origin.
+
+    Friction makes harmonics that decay with the parent or more slowly.
+    """
+    size = np.abs(fit.complex_amplitudes)
+    hertz = fit.poles[:, 1] / (2.0 * np.pi)
+    found = {}
+    for k in range(len(hertz)):
+        for i in range(len(hertz)):
+            n = round(hertz[k] / hertz[i])
+            near = abs(hertz[k] - n * hertz[i]) < min(NEAR_HARMONIC / span, FARTHEST * hertz[k])
+            near = near and hertz[i] * span > FEWEST_CYCLES
+            if 2 <= n <= HIGHEST_HARMONIC and near and size[k] < MUCH_WEAKER * size[i]:
+                found[k] = f'{n} x {hertz[i]:.4g} Hz'
+    return found
+
+
+def _combinations(poles: Array, k: int) -> Iterator[tuple[Array, str]]:
+    hertz = poles[:, 1] / (2.0 * np.pi)
+    others = [i for i in range(len(poles)) if i != k]
+    for i in others:
+        for n in range(2, HIGHEST_HARMONIC + 1):
+            yield _multiples(len(poles), {i: n}), f'{n} x {hertz[i]:.4g} Hz'
+    for i in others:
+        for j in others:
+            if i < j:
+                low, high = sorted((i, j), key=lambda one: hertz[one])
+                pair = f'{hertz[high]:.4g} {{}} {hertz[low]:.4g} Hz'
+                yield _multiples(len(poles), {i: 1, j: 1}), pair.format('+')
+                yield _multiples(len(poles), {high: 1, low: -1}), pair.format('-')
+
+
+def _multiples(count: int, at: dict[int, int]) -> Array:
+    multiples = np.zeros(count)
+    for index, value in at.items():
+        multiples[index] = value
+    return multiples
+
+
+def _matches(
+    poles: Array, variance: Array, k: int, multiples: Array, span: float, width: float
+) -> bool:
+    decay = float(np.abs(multiples) @ poles[:, 0])
+    spread = np.sqrt(variance[k] + multiples**2 @ variance)
+    off_frequency = abs(poles[k, 1] - abs(float(multiples @ poles[:, 1])))
+    off_decay = abs(poles[k, 0] - decay)
+    near = max(DEVIATIONS * spread[1], 2.0 * np.pi * RESOLUTION / span)
+    near = max(min(near, 2.0 * np.pi / span), width * decay)
+    near = min(near, FARTHEST * poles[k, 1])
+    uncertain = min(DEVIATIONS * spread[0], abs(decay))
+    return bool(off_frequency < near and off_decay < uncertain + DECAY_MATCH * abs(decay))
+
+
+def drifting_rss(t: Array, own: Array, pole: Array, value: complex) -> list[tuple[int, float]]:
+    """Fit Re exp(p(t)), p a complex polynomial, and return (parameters, rss) per degree.
+
+    A damping ratio that depends on amplitude bends the logarithm of the envelope, and a stiffness
+    that does bends the phase: neither makes it beat, as two modes do.
+
+    Parameters
+    ----------
+    t, own : ndarray, shape (k,)
+        Times from the start [s]; the record without its other components.
+    pole : ndarray, shape (2,)
+        Decay rate [1/s] and damped angular frequency [rad/s] of the one steady mode nearest.
+    value : complex
+        Its amplitude at the start.
+    """
+    x = t / t[-1]
+    start = np.array([np.log(value), (-pole[0] + 1j * pole[1]) * t[-1]])
+    found = []
+    for degree in DEGREES:
+        start = np.append(start, np.zeros(degree + 1 - start.size))
+        start = _fitted(x, own, start)
+        rest = own - np.exp(_exponent(x, start)).real
+        found.append((2 * (degree + 1), float(rest @ rest)))
+    return found
+
+
+def _exponent(x: Array, coefficients: np.ndarray[tuple[int], np.dtype[np.complex128]]) -> Array:
+    exponent = np.polynomial.polynomial.polyval(x, coefficients)
+    return np.asarray(np.minimum(exponent.real, 50.0) + 1j * exponent.imag)
+
+
+def _fitted(
+    x: Array, own: Array, start: np.ndarray[tuple[int], np.dtype[np.complex128]]
+) -> np.ndarray[tuple[int], np.dtype[np.complex128]]:
+    powers = x[:, None] ** np.arange(start.size)
+
+    def residuals(flat: Array) -> Array:
+        return np.asarray(np.exp(_exponent(x, flat.view(complex))).real - own)
+
+    def slopes(flat: Array) -> Array:
+        grown = np.exp(_exponent(x, flat.view(complex)))[:, None] * powers
+        out = np.empty((x.size, flat.size))
+        out[:, ::2], out[:, 1::2] = grown.real, -grown.imag
+        return out
+
+    found = least_squares(
+        residuals, start.view(float), jac=slopes, method='lm', x_scale='jac', max_nfev=60
+    )
+    return np.asarray(found.x.view(complex))
+
+
+def later_start_differs(t: Array, fit: Damped, span: float, k: int) -> str:
+    """Return how a later start moves component k of a fit; '' where it finds the same mode.
+
+    Parameters
+    ----------
+    t : ndarray, shape (n,)
+        Times of the fitted samples from the start of the record [s].
+    fit : Damped
+        Of the whole record.
+    span : float
+        Duration of the record [s].
+    k : int
+        Which component.
+    """
+    sigma, omega = fit.poles[k]
+    if sigma <= 0.0 or 1.0 / sigma > SHORT * span:
+        return ''
+    late = min(LATER / sigma, MOST_CYCLES * 2.0 * np.pi / omega)
+    seen = t >= late
+    if np.count_nonzero(seen) < FEWEST_SAMPLES + 4 * len(fit.poles):
+        return ''
+    left = np.abs(fit.complex_amplitudes) * np.exp(-fit.poles[:, 0] * late)
+    kept = left > GONE * np.sqrt(fit.variance)
+    kept[k] = True
+    y = fit.prediction(t) + fit.residual
+    again = fit_damped(t[seen] - late, y[seen], fit.poles[kept], span, rounds=12)
+    return _difference(t[seen], fit.poles[k], again, int(np.count_nonzero(kept[:k])), late)
+
+
+def _difference(t: Array, pole: Array, again: Damped, place: int, late: float) -> str:
+    found = again.poles[place]
+    change = found - pole
+    block = slice(2 * place, 2 * place + 2)
+    covariance = again.covariance()[block, block] * _widening(t, again, place) ** 2
+    covariance += 1e-18 * np.eye(2) * float(pole @ pole)
+    distance = float(change @ np.linalg.solve(covariance, change))
+    if distance < SURPRISING or np.hypot(*change) < LARGE * pole[0]:
+        return ''
+    rate = float(np.hypot(*found))
+    return (
+        f'no free decay from the start of the window: {1e3 * late:.3g} ms later it is '
+        f'{rate / (2.0 * np.pi):.4g} Hz with a damping ratio of {found[0] / rate:.3g}'
+    )
+
+
+def _widening(t: Array, fit: Damped, k: int) -> float:
+    if not coloured(fit.residual) or fit.variance == 0.0:
+        return 1.0
+    local = local_variance(t - t[0], fit.residual, float(t[-1] - t[0]), *fit.poles[k])
+    return float(np.sqrt(max(local / fit.variance, 1.0)))
+
+
+def overlapping(poles: Array, size: Array, k: int) -> str:
+    """Return which heavily damped neighbour component k overlaps with; '' where there is none.
+
+    Parameters
+    ----------
+    poles : ndarray, shape (m, 2)
+        Decay rates [1/s] and damped angular frequencies [rad/s].
+    size : ndarray, shape (m,)
+        Amplitudes at the start.
+    k : int
+        Which component.
+    """
+    rate = np.hypot(*poles.T)
+    heavy = poles[:, 0] > HEAVY * rate
+    near = np.abs(rate - rate[k]) < poles[:, 0] + poles[k, 0]
+    near &= heavy & (size > COMPARABLE_NEIGHBOUR * size[k])
+    near[k] = False
+    if not (heavy[k] and near.any()):
+        return ''
+    closest = int(np.argmin(np.where(near, np.abs(rate - rate[k]), np.inf)))
+    return (
+        f'overlaps with {rate[closest] / (2.0 * np.pi):.4g} Hz, which decays as fast: together '
+        'they may be no free decay'
+    )
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,7 @@ from scipy.special import chdtrc
 
 from denoc_ros.identification.damped import Damped, fit_damped
 from denoc_ros.identification.modes import AmplitudeCurve
-from denoc_ros.identification.quality import Mask
+from denoc_ros.identification.records import Mask
 from denoc_ros.types import Array
 
 MOST_WINDOWS = 6

@@ -10,6 +10,7 @@ import scipy.linalg
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import least_squares, linear_sum_assignment, nnls
 
+from denoc_ros.dynamics.measured_side import measured_equilibrium
 from denoc_ros.dynamics.natural_modes import stiffness
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import IdentificationError
@@ -17,6 +18,7 @@ from denoc_ros.model.numbers import values_of
 from denoc_ros.model.segments import deformations, whole_beams
 from denoc_ros.types import Array
 
+USABLE = ('good', 'doubtful')  # verdicts of modes that damping is assigned from
 FARTHEST = 0.3  # of a measured frequency: no mode of the model beyond is taken for it
 FIRST_OF_EQUALS = 1e-6  # of a share
 LOG_RATIO_BOUNDS = (np.log(1e-7), np.log(2.0))
@@ -275,3 +277,14 @@ class _Linearized:
         size_hz = np.maximum(np.abs(poles) / (2.0 * np.pi), 1e-12)
         place = linear_sum_assignment(np.abs(np.log(model[:, None] / size_hz)))[1]
         return np.asarray(-poles[place].real / np.abs(poles[place]))
+
+
+def configuration(robot: Robot, joints: Mapping[str, float]) -> Array:
+    """Return the state (n,) at given joint positions, the amplitudes in equilibrium."""
+    unknown = sorted(set(joints) - set(robot.joint_names))
+    if unknown:
+        raise IdentificationError(
+            f'{robot.tree.name}: joints must be some of {", ".join(robot.joint_names)}, '
+            f'got {", ".join(unknown)}'
+        )
+    return measured_equilibrium(robot, np.array([joints.get(n, 0.0) for n in robot.joint_names]))

@@ -10,8 +10,7 @@ from scipy.special import stdtrit
 
 from denoc_ros.errors import IdentificationError
 from denoc_ros.identification.peaks import find_peaks
-from denoc_ros.identification.quality import assess
-from denoc_ros.identification.records import Record
+from denoc_ros.identification.records import Record, assess
 from denoc_ros.types import Array
 
 Convention = Literal['exact', 'book']

@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from denoc_ros.errors import IdentificationError
+from denoc_ros.identification.channel import Channel, Reading, read_record
 from denoc_ros.identification.curves import NORMAL_95, pole_zeta_deviation, zeta_and_rate
 from denoc_ros.identification.modes import DOUBTFUL, GOOD, NOT_IDENTIFIABLE, strongest, worst
-from denoc_ros.identification.records import Record
+from denoc_ros.identification.records import Record, assess
+from denoc_ros.identification.result import mode_values, quality_of, source_of
 from denoc_ros.identification.spectra import even_record
+from denoc_ros.output_files import Document, plain
 from denoc_ros.types import Array
 
 Complex = NDArray[np.complex128]
@@ -27,6 +31,10 @@ COST = 5.0  # of one mode, in log(lines): pole, residue and the search for it
 WIDEST = 0.1  # relative deviation of a good mode's damping ratio
 USELESS = 0.5
 LEAST_EXPLAINED = 0.8
+OF_MODE = (
+    *('frequency', 'damping_ratio', 'interval', 'formal_interval', 'window_interval'),
+    'strength',
+)
 ALIKE = 0.02  # smallest over largest singular value of the inputs: less is one input twice
 
 
@@ -356,3 +364,74 @@ def _judged(zeta: float, deviation: float, explained: float) -> tuple[str, tuple
     if explained < LEAST_EXPLAINED:
         reasons.append(f'{share}, less than {100.0 * LEAST_EXPLAINED:.0f} %')
     return (DOUBTFUL, tuple(reasons)) if reasons else (GOOD, (spread, share))
+
+
+def identify_forced(
+    path: Path,
+    channel: Channel,
+    inputs: Sequence[Channel],
+    band: tuple[float, float],
+    count: int | None,
+) -> tuple[Document, Record, ForcedModes]:
+    """Identify modes from the response in a recording to inputs that act together.
+
+    Parameters
+    ----------
+    path : Path
+        A bag or a table.
+    channel : Channel
+        The response.
+    inputs : sequence of Channel
+        What drives it; where they have no topic, it is that of the response.
+    band, count
+        Of the modes that the verdict is of, as `strongest` takes them.
+
+    Returns
+    -------
+    dict
+        The result, of plain values.
+    Record
+        The response where the inputs are there as well.
+    ForcedModes
+        What the result is from.
+    """
+    reading = read_record(path, channel)
+    topic = reading.channel.topic
+    sources = [replace(one, topic=one.topic or topic) for one in inputs]
+    forces, answer = _together([read_record(path, one) for one in sources], reading)
+    found = fit_forced(forces, answer)
+    asked = strongest(found.frequency, found.strength, band, count)
+    document = {
+        'kind': 'forced',
+        'source': {**source_of(reading), 'force': ', '.join(one.name for one in sources)},
+        'window': {'begin_s': answer.t[0], 'end_s': answer.t[-1]},
+        'quality': quality_of(assess(answer)),
+        'method': 'rational frequency response at the excited lines, least squares; order by BIC',
+        'modes': [
+            {
+                **mode_values(found, k, OF_MODE),
+                'asked': k in asked,
+                **mode_values(found, k, ('verdict', 'reasons')),
+            }
+            for k in range(len(found.frequency))
+        ],
+        'explained': found.explained,
+        'verdict': found.status_of(asked),
+        'remarks': found.remarks,
+        'reasons': [*found.remarks, *(one for k in asked for one in found.reasons[k])],
+    }
+    return dict(plain(document)), answer, found
+
+
+def _together(forces: Sequence[Reading], response: Reading) -> tuple[list[Record], Record]:
+    """Return inputs and response on the stamps of the response where all are there."""
+    answer = response.record
+    shifted = [
+        (one.record, one.record.t + (one.origin_ns - response.origin_ns) * 1e-9) for one in forces
+    ]
+    if not all(np.array_equal(t, answer.t) for _, t in shifted):
+        start = max(answer.t[0], *(t[0] for _, t in shifted))
+        answer = answer.part(start, min(answer.t[-1], *(t[-1] for _, t in shifted)))
+    return [
+        Record(answer.t, np.interp(answer.t, t, one.y), one.name, one.unit) for one, t in shifted
+    ], answer

@@ -2,31 +2,123 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import fdtrc
 
 from denoc_ros.errors import IdentificationError
+from denoc_ros.identification.channel import Reading
 from denoc_ros.identification.curves import NORMAL_95
-from denoc_ros.identification.friction_choice import choose_terms, open_questions, rejection
+from denoc_ros.identification.damped import independent_samples
+from denoc_ros.identification.decrement import (
+    Convention,
+    critical_joint_damping,
+    log_decrement,
+)
 from denoc_ros.identification.modes import DOUBTFUL, GOOD, NOT_IDENTIFIABLE
-from denoc_ros.identification.records import Record, doubtful_rate
-from denoc_ros.identification.swing import JointSwing, swing_angles
-from denoc_ros.identification.swing_fit import (
+from denoc_ros.identification.records import Record, assess, doubtful_rate
+from denoc_ros.identification.result import quality_of, source_of
+from denoc_ros.identification.swing import (
     MODELS,
     TERMS,
+    JointSwing,
     SwingFit,
     Terms,
     refine_friction,
     scout_friction,
+    swing_angles,
 )
+from denoc_ros.output_files import Document, plain
 from denoc_ros.types import Array
 
+CHANCE = 1e-3  # of keeping a term that is none
+SMALLEST_GAIN = 0.05  # that a term must take off a residual which is no white noise
+EVIDENCE = 6.0  # twice the log of the likelihoods' ratio: less does not tell two sets apart
+MUCH = 0.3  # of the residual: what terms that are not significantly different from zero leave open
+
+Fits = Mapping[Terms, SwingFit]
 FEWEST_HALF_SWINGS = 2
 AT_REST = 0.01  # of the largest distance from the last value
 CYCLES_AT_REST = 1.0
 WIDEST = 0.25  # relative standard deviation of a good term
 MOST_UNEXPLAINED = 0.05  # of the range
+UNITS = dict(zip(TERMS, ('N m s/rad', 'N m', 'N m s^2/rad^2'), strict=True))
+UNITS_PER_INERTIA = dict(zip(TERMS, ('1/s', '1/s^2', '1/rad'), strict=True))
+
+
+def choose_terms(fits: Fits) -> Terms:
+    """Return the smallest set of terms that no larger one improves on.
+
+    A larger set counts where all its terms are told from zero. An F test of its ratio must give
+    less than 0.1 %, and where the residual is not white noise it must take 5 % off it.
+    """
+    chosen = min(MODELS[:2], key=lambda terms: fits[terms].rss)
+    for count in (2, 3):
+        larger = [one for one in MODELS if len(one) == count and not fits[one].unclear]
+        if not larger:
+            continue
+        best = min(larger, key=lambda terms: fits[terms].rss)
+        chance, gain = _gain(fits[chosen], fits[best])
+        least = 0.0 if fits[best].white else SMALLEST_GAIN
+        if chance < CHANCE and gain > least:
+            chosen = best
+    return chosen
+
+
+def rejection(terms: Terms, fits: Fits, chosen: Terms) -> str:
+    """Return why a set of terms is not the model; '' for the one that is."""
+    if terms == chosen:
+        return ''
+    fit, best = fits[terms], fits[chosen]
+    ratio = float(np.sqrt(fit.rss / best.rss)) if best.rss else np.inf
+    said = f'leaves {ratio:.2f} times the residual'
+    if set(terms) < set(chosen):
+        return f'{said} (F test: p = {_gain(fit, best)[0]:.1g})'
+    if fit.at_zero:
+        return f'{_listed(fit.at_zero)} at zero'
+    if fit.unclear:
+        return f'{_listed(fit.unclear)} not significantly different from zero; {said}'
+    if set(terms) > set(chosen):
+        return f'its further terms take {100.0 * max(1.0 - ratio, 0.0):.1f} % off the residual'
+    return said
+
+
+def open_questions(fits: Fits, chosen: Terms) -> list[str]:
+    """Return which other sets the swing does not rule out.
+
+    These are larger sets with a much smaller residual whose terms are not significantly different
+    from zero, and sets of as many terms with about the same residual.
+    """
+    found = []
+    best = fits[chosen]
+    for terms, fit in fits.items():
+        less = 1.0 - np.sqrt(fit.rss / max(best.rss, 1e-300))
+        if len(terms) == len(chosen) and terms != chosen and not fit.unclear:
+            worth = independent_samples(best.residual)
+            if worth * np.log(fit.rss / max(best.rss, 1e-300)) < EVIDENCE:
+                found.append(f'{" + ".join(terms)} explains the swing about as well')
+        if len(terms) > len(chosen) and fit.unclear and less > MUCH:
+            found.append(
+                f'{" + ".join(terms)} leaves {100.0 * less:.0f} % less, with '
+                f'{_listed(fit.unclear)} not significantly different from zero'
+            )
+    return found
+
+
+def _listed(terms: Terms) -> str:
+    return f'{" and ".join(dict.fromkeys(terms))} term{"s" * (len(terms) > 1)}'
+
+
+def _gain(small: SwingFit, large: SwingFit) -> tuple[float, float]:
+    """Probability that the additional terms are zero, and their reduction of the residual."""
+    more = len(large.values) - len(small.values)
+    rest = large.residual.size - len(large.values)
+    if small.rss == 0.0:
+        return 1.0, 0.0
+    ratio = (small.rss - large.rss) / more / max(large.rss / rest, 1e-300)
+    return float(fdtrc(more, rest, max(ratio, 0.0))), 1.0 - float(np.sqrt(large.rss / small.rss))
 
 
 @dataclass(frozen=True, eq=False)
@@ -240,3 +332,85 @@ def _verdict(
     if doubt := doubtful_rate(record):
         reasons.append(doubt)
     return (DOUBTFUL if reasons else GOOD), reasons
+
+
+def joint_result(
+    reading: Reading,
+    fit: JointFit,
+    known: bool,
+    mass_per_length: float | None = None,
+    length: float | None = None,
+) -> Document:
+    """Return the friction of a joint as plain values.
+
+    Parameters
+    ----------
+    reading : Reading
+        The swing.
+    fit : JointFit
+    known : bool
+        Whether inertia or gravity torque were given: the terms are no longer per inertia.
+    mass_per_length, length : float, optional
+        Of the link [kg/m], [m], for the book's coefficient.
+    """
+    units = UNITS if known else UNITS_PER_INERTIA
+    document = {
+        'kind': 'joint',
+        'source': source_of(reading),
+        'window': {'begin_s': reading.record.t[0], 'end_s': reading.record.t[-1]},
+        'quality': quality_of(assess(reading.record)),
+        'method': 'equation of motion integrated, least squares; terms kept by F test',
+        'terms': {
+            name: {
+                'value': getattr(fit, name),
+                'interval': fit.interval[name],
+                'unit': units[name],
+            }
+            for name in fit.terms
+        },
+        'frequency_hz': fit.frequency,
+        'damping_ratio': fit.damping_ratio,
+        'inertia_kg_m2': fit.inertia if known else None,
+        'residual': fit.residual,
+        'models': [
+            {'terms': model.terms, 'residual': model.residual, 'rejected': model.rejected}
+            for model in fit.models
+        ],
+        'decrement': [
+            _decrement(reading.record, 'exact', fit.inertia if known else None),
+            _decrement(reading.record, 'book', None, mass_per_length, length),
+        ],
+        'verdict': fit.verdict,
+        'reasons': fit.reasons,
+    }
+    return dict(plain(document))
+
+
+def _decrement(
+    record: Record,
+    convention: Convention,
+    inertia: float | None,
+    mass_per_length: float | None = None,
+    length: float | None = None,
+) -> Document:
+    """Return the log decrement, with the damping coefficient where its numbers are known."""
+    row: Document = {
+        'convention': convention,
+        'damping_ratio': None,
+        'frequency_hz': None,
+        'critical': None,
+        'coefficient': None,
+        'unit': 'N m s/rad' if convention == 'exact' else 'kg/s',
+        'reason': '',
+    }
+    try:
+        found = log_decrement(record, convention)
+    except IdentificationError as error:
+        return {**row, 'reason': str(error)}
+    row |= {'damping_ratio': found.damping_ratio, 'frequency_hz': found.frequency}
+    if inertia is not None or None not in (mass_per_length, length):
+        row['critical'] = critical_joint_damping(
+            found.frequency, inertia, mass_per_length, length, convention
+        )
+        row['coefficient'] = row['critical'] * found.damping_ratio
+    return row

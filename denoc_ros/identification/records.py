@@ -1,4 +1,4 @@
-"""One measured signal with its stamps."""
+"""Records of a signal, and their quality: rate, gaps, jitter, clipping, noise."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from denoc_ros.bags.tables import UNITS
 from denoc_ros.errors import IdentificationError
@@ -14,6 +14,16 @@ from denoc_ros.types import Array
 
 FEWEST_SAMPLES = 8
 SLOWEST, FASTEST = 4.0, 2e6  # Hz: no mechanical record is sampled slower or faster
+
+Mask = NDArray[np.bool_]
+
+GAP = 1.5  # typical steps
+LONGEST_CLIPPED_RUN = 0.1  # of the record: longer at one value is rest
+FEWEST_CLIPPED = 3
+PILED_UP = 2.6  # times as many as one level further in; a sine's crest has up to 2.4 times
+GAUSSIAN_MAD = 1.4826
+THIRD_DIFFERENCE = np.sqrt(20.0)  # norm of 1, -3, 3, -1
+FEWEST_REPEATS = 4  # samples per value from which on the values are levels
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,6 +111,120 @@ def _one_dimensional(name: str, field: str, values: ArrayLike | Sequence[float])
             f'sample {k}'
         )
     return array
+
+
+@dataclass(frozen=True, eq=False)
+class Quality:
+    """Quality of a record.
+
+    Attributes
+    ----------
+    samples : int
+    duration, rate : float
+        [s], [Hz]: of an unbroken record.
+    gaps, longest_gap : int, float
+        Steps longer than 1.5 typical ones, and the longest step [s].
+    lost : float
+        Part of the samples that an unbroken record would have and this one has not.
+    jitter : float
+        Standard deviation of the steps that are no gaps, in typical steps.
+    clipped : ndarray of bool, shape (k,)
+        Samples at a limit of the sensor's range.
+    resolution : float
+        Distance between the levels of the values [unit]; 0 where there are none.
+    noise : float
+        Standard deviation of what changes from sample to sample [unit].
+    snr_db : float
+        Half the range of the values against the noise [dB].
+    """
+
+    samples: int
+    duration: float
+    rate: float
+    gaps: int
+    longest_gap: float
+    lost: float
+    jitter: float
+    clipped: Mask
+    resolution: float
+    noise: float
+    snr_db: float
+
+
+def assess(record: Record) -> Quality:
+    """Return the quality of a record."""
+    steps = np.diff(record.t)
+    typical = record.step
+    regular = steps[steps <= GAP * typical]
+    count = float(np.sum(np.maximum(np.round(steps / typical), 1.0)))
+    resolution = level_distance(record.y)
+    noise = max(sample_noise(record.y), resolution / np.sqrt(12.0))
+    half_range = 0.5 * float(np.ptp(record.y))
+    snr = 20.0 * np.log10(half_range / noise) if noise > 0.0 and half_range > 0.0 else np.inf
+    return Quality(
+        samples=record.t.size,
+        duration=record.duration,
+        rate=count / record.duration,
+        gaps=int(np.count_nonzero(steps > GAP * typical)),
+        longest_gap=float(steps.max()),
+        lost=1.0 - record.t.size / (count + 1.0),
+        jitter=float(regular.std() / typical) if regular.size else 0.0,
+        clipped=clipped_samples(record.y, resolution),
+        resolution=resolution,
+        noise=noise,
+        snr_db=float(snr) if half_range > 0.0 else 0.0,
+    )
+
+
+def sample_noise(y: Array) -> float:
+    """Return the standard deviation of white noise on a signal smooth at the sample rate."""
+    return float(GAUSSIAN_MAD * np.median(np.abs(np.diff(y, 3))) / THIRD_DIFFERENCE)
+
+
+def level_distance(y: Array) -> float:
+    """Return the distance between the levels of quantized values; 0 where there are none."""
+    levels = np.unique(y)
+    if levels.size < 2 or y.size < FEWEST_REPEATS * levels.size:
+        return _fine_level_distance(y, levels)
+    return float(np.diff(levels).min())
+
+
+def _fine_level_distance(y: Array, levels: Array) -> float:
+    """Levels that are many: all distances must be whole multiples of the smallest."""
+    if levels.size < 3 or levels.size > 0.9 * y.size:
+        return 0.0
+    distances = np.diff(levels)
+    smallest = float(distances.min())
+    parts = distances / smallest
+    off = np.abs(parts - np.round(parts))
+    return smallest if float(np.max(off / np.maximum(parts, 1.0))) < 1e-3 else 0.0
+
+
+def clipped_samples(y: Array, resolution: float) -> Mask:
+    """Return which samples are at a limit of the sensor's range, shape (k,).
+
+    A limit shows as a pile of samples at the largest or the smallest value that is much higher
+    than the pile one level further in, in runs too short for a rest.
+    """
+    clipped = np.zeros(y.size, bool)
+    width = resolution or 0.005 * float(np.ptp(y))
+    slack = 1e-9 * float(np.ptp(y))
+    for side in (1.0, -1.0):
+        height = side * y
+        top = float(height.max())
+        at_top = height >= top - slack
+        next_in = np.count_nonzero((height < top - slack) & (height >= top - 1.5 * width))
+        count = np.count_nonzero(at_top)
+        if count < FEWEST_CLIPPED + PILED_UP * next_in:
+            continue
+        if _longest_run(at_top) <= LONGEST_CLIPPED_RUN * y.size:
+            clipped |= at_top
+    return clipped
+
+
+def _longest_run(mask: Mask) -> int:
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], mask, [False])).astype(int)))
+    return int(np.max(edges[1::2] - edges[::2])) if edges.size else 0
 
 
 def doubtful_rate(record: Record) -> str:

@@ -7,23 +7,32 @@ import dataclasses
 import io
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import yaml
 
 from denoc_ros.bags.digest import file_hash
-from denoc_ros.errors import ConfigError, IdentificationError
-from denoc_ros.identification.analysis import DecayAnalysis
-from denoc_ros.identification.channel import Channel, Reading
+from denoc_ros.bags.reader import read_description
+from denoc_ros.bags.tables import is_table
+from denoc_ros.dynamics.robot import load_robot
+from denoc_ros.errors import ConfigError, DenocError, IdentificationError
+from denoc_ros.identification.analysis import DecayAnalysis, analyse_decay
+from denoc_ros.identification.channel import (
+    Channel,
+    Reading,
+    channels_of,
+    joint_positions,
+    read_record,
+)
+from denoc_ros.identification.damping import USABLE, Assigned, assign_damping, configuration
 from denoc_ros.identification.modes import Modes, strongest
-from denoc_ros.identification.quality import Quality
-from denoc_ros.output_files import write_text
+from denoc_ros.identification.records import Quality, assess
+from denoc_ros.identification.segments import standing_spans
+from denoc_ros.output_files import Document, plain, write_text
 from denoc_ros.yaml_text import read_yaml_file
-
-if TYPE_CHECKING:
-    from denoc_ros.identification.damping import Assigned
 
 RESULT_FILE = 'result.yaml'
 TABLE_FILE = 'modes.csv'
@@ -40,7 +49,22 @@ TABLE_COLUMNS = (
     'verdict',
 )
 
-Document = dict[str, Any]
+# keys of values with units
+KEYS = {
+    'frequency': 'frequency_hz',
+    'frequency_deviation': 'frequency_deviation_hz',
+    'phase': 'phase_rad',
+    'time': 'time_s',
+    'duration': 'duration_s',
+    'rate': 'rate_hz',
+    'longest_gap': 'longest_gap_s',
+}
+OF_MODE = (
+    *('frequency', 'frequency_deviation', 'damping_ratio'),
+    *('interval', 'formal_interval', 'window_interval', 'bound'),
+    *('amplitude', 'phase', 'snr_db', 'verdict', 'reasons'),
+)
+OF_WINDOWS = ('time', 'amplitude', 'frequency', 'damping_ratio', 'deviation')
 
 
 def source_of(reading: Reading) -> Document:
@@ -72,66 +96,174 @@ def quality_of(quality: Quality) -> Document:
     return {name: plain(value) for name, value in values.items()}
 
 
-def modal_result(
+@dataclass(frozen=True)
+class DecayOptions:
+    """What of a recording is identified, and of which robot.
+
+    Attributes
+    ----------
+    channel : Channel
+        The signal.
+    band : (float, float)
+        Frequencies of the modes that the verdict is of [Hz].
+    count : int or None
+        How many they are, the strongest first; as `strongest` takes it.
+    robot : str
+        Name of the robot's file; '' for the robot in the bag, if there is one.
+    file : Path or None
+        Where that file is.
+    joints : mapping of str to float
+        Positions of joints [rad, m]; the others' are those recorded, else 0.
+    held : bool
+        Whether the joints were held during the decay.
+    gravity : (float, float, float)
+        In the base frame [m/s^2].
+    """
+
+    channel: Channel
+    band: tuple[float, float]
+    count: int | None
+    robot: str
+    file: Path | None
+    joints: Mapping[str, float]
+    held: bool
+    gravity: tuple[float, float, float]
+
+
+def identify_decay(path: Path, options: DecayOptions) -> tuple[Document, DecayAnalysis]:
+    """Return the result for one recording of a free decay, and the analysis it is from."""
+    channel = options.channel
+    reading = read_record(path, channel)
+    given = channel.begin > 0.0 or math.isfinite(channel.end)
+    standing = standing_spans(reading) if options.held else ()
+    analysis = analyse_decay(reading.record, given, standing)
+    coefficients, model = _model_of(options, reading, analysis)
+    modes = analysis.modes
+    asked = strongest(modes.frequency, modes.energy, options.band, options.count)
+    return _modal_result(reading, analysis, coefficients, model, asked), analysis
+
+
+def _model_of(
+    options: DecayOptions, reading: Reading, analysis: DecayAnalysis
+) -> tuple[dict[int, Assigned], Document]:
+    """Return the amplitudes of the model that the good modes determine, and which model it is.
+
+    Without a robot, where the joints stood is all.
+    """
+    modes = analysis.modes
+    measured = {**joint_positions(reading, modes.start, modes.stop), **options.joints}
+    source: str | Path | None = options.file
+    if source is None and not is_table(reading.path):
+        source = read_description(reading.path) or None
+    if source is None:
+        return {}, {'joints': measured} if measured else {}
+    robot = load_robot(source, gravity=options.gravity)
+    joints = {name: measured[name] for name in robot.joint_names if name in measured}
+    joints.update(options.joints)
+    model: Document = {
+        'robot': robot.tree.name,
+        'file': options.robot or 'attached to the bag',
+        'joints': joints,
+        'held': options.held,
+        'gravity': list(options.gravity),
+    }
+    usable = [k for k, verdict in enumerate(modes.verdict) if verdict in USABLE]
+    if not usable:
+        return {}, model
+    try:
+        assigned = assign_damping(
+            robot,
+            configuration(robot, joints),
+            modes.frequency[usable],
+            modes.damping_ratio[usable],
+            options.held,
+            modes.amplitude[usable],
+        )
+    except DenocError as error:
+        return {}, {**model, 'left_out': str(error)}
+    return {usable[one.mode]: one for one in assigned}, model
+
+
+def _modal_result(
     reading: Reading,
     analysis: DecayAnalysis,
     coefficients: Mapping[int, Assigned],
-    versions: Mapping[str, str],
     model: Mapping[str, Any],
-    asked: Sequence[int] | None = None,
+    asked: Sequence[int],
 ) -> Document:
-    """Return all that is kept of an identification of modes.
+    """Return a result of modes.
 
     Parameters
     ----------
     reading : Reading
-        The record.
     analysis : DecayAnalysis
-        What came out of it.
     coefficients : mapping
         Place of a mode -> the amplitude of a model that it determines; may be empty.
-    versions : mapping
-        Of the packages.
     model : mapping
         Of what robot the coefficients are, and where its joints stood; may be empty.
-    asked : sequence of int, optional
-        Places of the modes that the verdict is of; default: the strongest.
+    asked : sequence of int
+        Places of the modes that the verdict is of.
     """
     modes = analysis.modes
-    of = strongest(modes.frequency, modes.energy) if asked is None else tuple(asked)
     document = {
         'kind': 'modal',
         'source': source_of(reading),
-        'window': {
-            'begin_s': modes.start,
-            'end_s': modes.stop,
-            'by': analysis.window_by,
-        },
+        'window': {'begin_s': modes.start, 'end_s': modes.stop, 'by': analysis.window_by},
         'quality': quality_of(analysis.quality),
         'method': METHOD,
         'modes': [
             {
                 **_mode(modes, k),
-                'asked': k in of,
-                'checks': [_check(check) for check in analysis.checks[k]],
+                'asked': k in asked,
+                'checks': [dataclasses.asdict(check) for check in analysis.checks[k]],
                 **({'coefficient': _coefficient(coefficients[k])} if k in coefficients else {}),
             }
             for k in range(len(modes.frequency))
         ],
-        'lines': [
-            {name: plain(value) for name, value in dataclasses.asdict(line).items()}
-            for line in modes.lines
-        ],
+        'lines': [dataclasses.asdict(line) for line in modes.lines],
         'noise': modes.noise,
         'offset': modes.offset,
         'drift_per_s': modes.drift,
         **({'model': dict(model)} if model else {}),
-        'verdict': modes.status_of(of),
-        'remarks': list(modes.remarks),
-        'reasons': [*modes.remarks, *(one for k in of for one in modes.reasons[k])],
-        'versions': dict(versions),
+        'verdict': modes.status_of(asked),
+        'remarks': modes.remarks,
+        'reasons': [*modes.remarks, *(one for k in asked for one in modes.reasons[k])],
     }
     return dict(plain(document))
+
+
+def describe(path: Path, channel: Channel) -> list[Document]:
+    """Return one row of quality per signal that the channel leaves open.
+
+    Parameters
+    ----------
+    path : Path
+        A bag or a table.
+    channel : Channel
+        What it names is all that is described.
+
+    Raises
+    ------
+    BagError
+        When the file cannot be read, or has no such signal.
+    """
+    chosen = [channel]
+    if not channel.field:
+        chosen = [
+            replace(channel, topic=one.topic, field=one.field, quantity=one.quantity)
+            for one in channels_of(path)
+            if channel.topic in ('', one.topic)
+        ]
+    return [_signal(path, one) for one in chosen]
+
+
+def _signal(path: Path, channel: Channel) -> Document:
+    try:
+        reading = read_record(path, channel)
+    except DenocError as error:
+        return {'signal': channel.name, 'problem': str(error)}
+    row = {'signal': reading.channel.name, **quality_of(assess(reading.record))}
+    return {KEYS.get(key, key): value for key, value in row.items()}
 
 
 def write_result(folder: Path, document: Mapping[str, Any]) -> None:
@@ -143,7 +275,8 @@ def write_result(folder: Path, document: Mapping[str, Any]) -> None:
         table = io.StringIO(newline='')
         writer = csv.writer(table)
         writer.writerow(TABLE_COLUMNS)
-        writer.writerows(table_rows(document))
+        for mode in map(flat_mode, document['modes']):
+            writer.writerow([mode[name] for name in TABLE_COLUMNS])
         write_text(folder / TABLE_FILE, table.getvalue())
 
 
@@ -167,52 +300,23 @@ def read_result(path: Path) -> Document:
     return document
 
 
-def table_rows(document: Mapping[str, Any]) -> list[list[Any]]:
-    """Return the rows of modes.csv, in the order of TABLE_COLUMNS."""
-    return [
-        [
-            mode['frequency_hz'],
-            mode['damping_ratio'],
-            *mode['interval'],
-            mode['bound'],
-            mode['amplitude'],
-            mode['snr_db'],
-            mode['verdict'],
-        ]
-        for mode in document['modes']
-    ]
+def flat_mode(mode: Mapping[str, Any]) -> Document:
+    """Return a mode of a result with the ends of its interval as numbers of their own."""
+    low, high = mode['interval']
+    return {**mode, 'interval_low': low, 'interval_high': high}
+
+
+def mode_values(found: Any, k: int, names: Sequence[str]) -> Document:
+    """Return attributes of mode k by their keys in a result."""
+    return {KEYS.get(name, name): getattr(found, name)[k] for name in names}
 
 
 def _mode(modes: Modes, k: int) -> Document:
-    curve = modes.curves[k]
-    values: Document = {
-        'frequency_hz': modes.frequency[k],
-        'frequency_deviation_hz': modes.frequency_deviation[k],
-        'damping_ratio': modes.damping_ratio[k],
-        'interval': modes.interval[k],
-        'formal_interval': modes.formal_interval[k],
-        'window_interval': modes.window_interval[k],
-        'bound': modes.bound[k],
-        'amplitude': modes.amplitude[k],
-        'phase_rad': modes.phase[k],
-        'snr_db': modes.snr_db[k],
-        'verdict': modes.verdict[k],
-        'reasons': modes.reasons[k],
-    }
+    values, curve = mode_values(modes, k, OF_MODE), modes.curves[k]
     if curve is not None:
         values['amplitude_dependent'] = curve.dependent
-        values['windows'] = {
-            'time_s': curve.time,
-            'amplitude': curve.amplitude,
-            'frequency_hz': curve.frequency,
-            'damping_ratio': curve.damping_ratio,
-            'deviation': curve.deviation,
-        }
-    return {name: plain(value) for name, value in values.items()}
-
-
-def _check(check: Any) -> Document:
-    return {name: plain(value) for name, value in dataclasses.asdict(check).items()}
+        values['windows'] = {KEYS.get(name, name): getattr(curve, name) for name in OF_WINDOWS}
+    return values
 
 
 def _coefficient(one: Assigned) -> Document:
@@ -227,18 +331,3 @@ def _coefficient(one: Assigned) -> Document:
         'model_frequency_hz': one.model_hz,
         'share_of_strain_energy': one.share,
     }
-
-
-def plain(value: Any) -> Any:
-    """Return a value of types that YAML and JSON have; a number that is not finite is None."""
-    if isinstance(value, np.ndarray):
-        return [plain(entry) for entry in value.tolist()]
-    if isinstance(value, np.generic):
-        return plain(value.item())
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    if isinstance(value, Mapping):
-        return {str(key): plain(entry) for key, entry in value.items()}
-    if isinstance(value, Sequence) and not isinstance(value, str):
-        return [plain(entry) for entry in value]
-    return value

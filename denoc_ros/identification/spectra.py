@@ -12,8 +12,7 @@ from scipy.special import stdtrit
 
 from denoc_ros.errors import IdentificationError
 from denoc_ros.identification.peaks import find_peaks
-from denoc_ros.identification.quality import Mask, sample_noise
-from denoc_ros.identification.records import Record
+from denoc_ros.identification.records import Mask, Record, sample_noise
 from denoc_ros.types import Array
 
 Method = Literal['weighted', 'book']

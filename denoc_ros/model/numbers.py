@@ -21,9 +21,16 @@ import numpy as np
 
 from denoc_ros.errors import ConfigError
 from denoc_ros.model.coordinates import PARTS as FLOATING
+from denoc_ros.model.coordinates import diagonals
 from denoc_ros.model.findings import LARGEST, SMALLEST, Findings, as_text
 from denoc_ros.model.payloads import PAYLOAD_SIZES, WHERE, carrying_links, with_payloads
-from denoc_ros.model.segments import damping_ratios, deformations, locate
+from denoc_ros.model.segments import (
+    critical_damping,
+    damping_ratios,
+    deformations,
+    inertia_of,
+    locate,
+)
 from denoc_ros.model.sensors import sensor_row
 from denoc_ros.model.tree import Body, Joint, Sensor, Tree
 from denoc_ros.types import Array
@@ -153,7 +160,9 @@ class ElasticNumber(Number):
         if self.positive:
             return float(found)
         if found is None:
-            return damping_ratios(modes.damping, _critical(tree, self.place))[: self.counts[-1]]
+            return damping_ratios(modes.damping, _critical(tree, self.place, modes))[
+                : self.counts[-1]
+            ]
         return list((found * np.ones(self.counts[-1])).tolist())
 
     def set(self, tree: Tree, values: Array) -> Tree:
@@ -161,14 +170,14 @@ class ElasticNumber(Number):
         for place in self._places:
             modes = place.element(tree)
             ratio = values if self.attribute == 'damping_ratio' else modes.damping_ratio
-            if self.attribute == 'damping':
-                modes, ratio = replace(modes, damping=values * np.ones(modes.damping.shape)), None
-            elif self.positive:
+            if self.positive:
                 modes = modes.with_stiffness(values.item())
-            tree = place.put(tree, replace(modes, damping_ratio=ratio))
-            if ratio is not None:
-                damped = replace(place.element(tree), damping=ratio * _critical(tree, place))
-                tree = place.put(tree, damped)
+            if self.attribute == 'damping':
+                damping, ratio = values * np.ones(modes.damping.shape), None
+            else:
+                given = ratio is not None
+                damping = ratio * _critical(tree, place, modes) if given else modes.damping
+            tree = place.put(tree, replace(modes, damping=damping, damping_ratio=ratio))
         return _with_rigidities(tree, self._places) if self.positive else tree
 
     def per_unit(self, tree: Tree) -> Array:
@@ -177,15 +186,7 @@ class ElasticNumber(Number):
             return np.ones(len(self.coordinates))
         if self.positive:
             return np.concatenate([place.element(tree).unit_stiffness for place in self._places])
-        return np.concatenate([_critical(tree, place) for place in self._places])
-
-    def allows(self, tree: Tree, values: Array) -> bool:
-        """Say whether values (k,) are possible and make no overflow."""
-        if not super().allows(tree, values):
-            return False
-        with np.errstate(over='ignore', invalid='ignore'):
-            modes = self.place.element(self.set(tree, values))
-        return bool(np.isfinite([modes.modal_stiffness, modes.damping]).all())
+        return np.concatenate([_critical(tree, p, p.element(tree)) for p in self._places])
 
     @property
     def _places(self) -> list[Place]:
@@ -193,13 +194,12 @@ class ElasticNumber(Number):
         return [replace(self.place, index=first + k) for k in range(self.segments)]
 
 
-def _critical(tree: Tree, place: Place) -> Array:
+def _critical(tree: Tree, place: Place, modes: Any) -> Array:
     """Return the critical damping (modes,) of component modes, or of a beam's deformation."""
     body: Body = tree.bodies[place.index]
     if body.beam is None:
-        return np.asarray(place.element(tree).critical_damping)
-    parts = deformations(body.beam)
-    return next(critical for name, _, critical in parts if name == place.fields[-1])
+        return np.asarray(modes.critical_damping)
+    return critical_damping(modes, *inertia_of(body.beam, place.fields[-1]), body.beam.segments)
 
 
 def _with_rigidities(tree: Tree, places: Sequence[Place]) -> Tree:
@@ -365,11 +365,14 @@ def with_numbers(tree: Tree, changes: Mapping[str, Any]) -> Tree | None:
     numbers = numbers_of(tree)
     plain = plain_paths(numbers, changes)
     given = merged_overrides(tree, plain)
-    for path, value in plain.items():
-        number, values = numbers.get(path), _floats(value)
-        if number is None or values is None or not number.allows(tree, values):
+    with np.errstate(over='ignore', invalid='ignore'):
+        for path, value in plain.items():
+            number, values = numbers.get(path), _floats(value)
+            if number is None or values is None or not number.allows(tree, values):
+                return None
+            tree = number.set(tree, values)
+        if not np.isfinite(diagonals(tree)).all():
             return None
-        tree = number.set(tree, values)
     tree = replace(tree, overrides=given)
     if not any(path.endswith('.backlash') for path in plain):  # a spring with play is not linear
         tree.__dict__[HELD] = numbers
@@ -437,8 +440,8 @@ def plain_paths(known: Collection[str], overrides: Mapping[str, Given]) -> dict[
 
 def merged_overrides(tree: Tree, plain: Mapping[str, Any]) -> dict[str, Any]:
     """Return the overrides of a tree with others, which hold where both are given."""
-    older = {path: old for path, old in tree.overrides.items() if path not in plain}
-    return plain_paths((), {**older, **plain})
+    gone = {*plain, *map(_instead_of, plain)}
+    return {**{path: old for path, old in tree.overrides.items() if path not in gone}, **plain}
 
 
 def _instead_of(path: str) -> str:

@@ -152,14 +152,16 @@ def deformations(beam: Beam) -> Iterator[tuple[str, Deformation, Array]]:
 
     At a fixed root, of amplitudes scaled as the shape functions are [N s/m or N m s/rad].
     """
-    mass, polar = (
-        (beam.mass_per_length, beam.mass_along),
-        (beam.polar_inertia, beam.polar_along),
-    )
-    for name, inertia in zip(PARTS, (mass, mass, polar), strict=True):
-        part = getattr(beam, name)
-        if part is not None:
-            yield name, part, critical_damping(part, *inertia, beam.segments)
+    for name in PARTS:
+        if (part := getattr(beam, name)) is not None:
+            yield name, part, critical_damping(part, *inertia_of(beam, name), beam.segments)
+
+
+def inertia_of(beam: Beam, name: str) -> tuple[float, Along]:
+    """Return mass, or of torsion polar inertia, per length, and its shares along the beam."""
+    if name == 'torsion':
+        return beam.polar_inertia, beam.polar_along
+    return beam.mass_per_length, beam.mass_along
 
 
 def damping_ratios(damping: Array, critical: Array) -> list[float]:

@@ -12,40 +12,71 @@ from typing import Any
 
 import numpy as np
 import rclpy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.clock import Clock, ClockType
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import QoSProfile
 from std_srvs.srv import Trigger
 
-from denoc_ros.errors import DenocError
-from denoc_ros.nodes.clock_input import ClockInput
-from denoc_ros.nodes.diagnostics import DiagnosticsPublisher, callback_status
-from denoc_ros.nodes.guarded_node import GuardedNode
+from denoc_ros.errors import ConfigError, DenocError
+from denoc_ros.nodes.guarded_node import Guard, GuardedNode
 from denoc_ros.nodes.inputs import Handler, Input, never_heavy
-from denoc_ros.nodes.messages import wait_until_delivered
+from denoc_ros.nodes.messages import NEWEST, wait_until_delivered
+from denoc_ros.nodes.simulated_time import ClockInput
 from denoc_ros.runtime.clocks import Clock as RobotClock
 from denoc_ros.runtime.clocks import SimulatedClock, SteadyClock
-from denoc_ros.runtime.input_error import InputError
-from denoc_ros.runtime.input_monitor import InputMonitor
-from denoc_ros.runtime.parameter_files import shared_names
-from denoc_ros.runtime.parameters import ParameterTable, Settings, Value
+from denoc_ros.runtime.ending import SIGNALS
+from denoc_ros.runtime.input_monitor import InputError, InputMonitor
+from denoc_ros.runtime.parameters import ParameterTable, Settings, shared_names
 from denoc_ros.runtime.realtime import freeze_gc, make_callbacks_timely
-from denoc_ros.runtime.signals import SIGNALS
-from denoc_ros.runtime.status import Status, clock_status, input_status
+from denoc_ros.runtime.status import WARN, Status, clock_status, input_status
+from denoc_ros.settings import Value
 
-NEWEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-COMMAND = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
-# a second at 1000 Hz for a reader that was away: the transport holds some 500 messages in all
-STATE = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
-EVERY_MESSAGE = QoSProfile(depth=10000, reliability=ReliabilityPolicy.RELIABLE)
-LATCHED = QoSProfile(
-    depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
-)
 POLL_PERIOD = 0.02  # s of wall time between looks at a clock that no loop waits for
 # parameters that rclpy itself declares
 SIMULATED = 'use_sim_time'
 FOREIGN = (SIMULATED, 'start_type_description_service', 'qos_overrides.')
+
+
+class DiagnosticsPublisher:
+    """Publishes a node's statuses on /diagnostics."""
+
+    def __init__(self, node: Any) -> None:
+        self._node = node
+        self._publisher = node.create_publisher(DiagnosticArray, '/diagnostics', 10)
+
+    def publish(self, statuses: Sequence[Status]) -> None:
+        """Publish statuses, stamped now."""
+        message = DiagnosticArray()
+        message.header.stamp = self._node.get_clock().now().to_msg()
+        name = self._node.get_fully_qualified_name().lstrip('/')
+        message.status = [_message(name, status) for status in statuses]
+        self._publisher.publish(message)
+
+
+def _message(node: str, status: Status) -> DiagnosticStatus:
+    return DiagnosticStatus(
+        name=f'{node}: {status.name}',
+        level=status.level,
+        message=status.message,
+        hardware_id=node,
+        values=[KeyValue(key=key, value=_shown(value)) for key, value in status.values.items()],
+    )
+
+
+def _shown(value: object) -> str:
+    return f'{value:.6g}' if isinstance(value, float) else str(value)
+
+
+def callback_status(guard: Guard) -> Status:
+    """Return which callbacks failed, and how often; warns of new failures."""
+    status = Status('callbacks', values=dict(sorted(guard.failures.items())))
+    failed = guard.failures.total()
+    if failed > guard.reported:
+        status.worsen(WARN, guard.last)
+    guard.reported = failed
+    return status
 
 
 class DenocNode(GuardedNode):
@@ -103,6 +134,7 @@ class DenocNode(GuardedNode):
         self.monitors: list[InputMonitor] = []
         self._shown: dict[str, Value] = {}
         self._showing = False
+        self._lasting: list[Any] = []  # publishers that configure has not made
         given = {
             key: parameter.value
             for key, parameter in self._parameter_overrides.items()
@@ -219,6 +251,10 @@ class DenocNode(GuardedNode):
     def settings_changed(self, settings: Settings, changes: dict[str, Value]) -> None:
         """Take live changes before they are stored; may refuse by DenocError or ValueError."""
 
+    def config_error(self, finding: str) -> ConfigError:
+        """Return the error of a parameter that does not suit, under the node's full name."""
+        return ConfigError(self.get_fully_qualified_name(), [finding])
+
     # ---- inputs
 
     def listen(
@@ -268,6 +304,11 @@ class DenocNode(GuardedNode):
         if monitor.reject(error):  # not here: a log that blocks must not block a loop
             self.to_log.append(f'{monitor.topic} rejected ({error.cause}): {error}')
 
+    def forget_stamps(self) -> None:
+        """Accept inputs with any stamp: the next messages may be older than the last ones."""
+        for monitor in self.monitors:
+            monitor.reset()
+
     def add_trigger_service(self, name: str, act: Callable[[], str]) -> None:
         """Offer a Trigger service: `act` returns a message or raises DenocError."""
 
@@ -311,8 +352,7 @@ class DenocNode(GuardedNode):
         """Begin anew: simulated time was set by so many seconds."""
         way = 'back' if by < 0.0 else 'ahead'
         self.to_log.append(f'simulated time was set {way} by {abs(by):.3f} s: all begins anew')
-        for monitor in self.monitors:
-            monitor.reset()
+        self.forget_stamps()
         self.restart()
 
     def restart(self) -> None:
@@ -356,7 +396,7 @@ class DenocNode(GuardedNode):
         """End safely."""
 
     def cleanup(self) -> None:
-        """Drop the products of configure."""
+        """Drop the products of configure, but for its publishers: those are dropped anyway."""
 
     def _transition(self, act: Callable[[], None]) -> TransitionCallbackReturn:
         self.failure = ''
@@ -375,11 +415,15 @@ class DenocNode(GuardedNode):
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Configure; then settle memory so that no collection interrupts the loop."""
-        if not self.owns_process:
-            return self._transition(self.configure)
-        with SIGNALS.interrupting():  # it may compile for a minute
+        self._lasting = list(self.publishers)
+        if self.owns_process:
+            with SIGNALS.interrupting():  # it may compile for a minute
+                result = self._transition(self.configure)
+                self.realtime_options.update(freeze_gc())
+        else:
             result = self._transition(self.configure)
-            self.realtime_options.update(freeze_gc())
+        if result != TransitionCallbackReturn.SUCCESS:
+            self._drop_publishers()
         return result
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -399,7 +443,7 @@ class DenocNode(GuardedNode):
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Clean up."""
-        return self._transition(self.cleanup)
+        return self._transition(self._clean_up)
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Deactivate if active, then clean up."""
@@ -408,9 +452,18 @@ class DenocNode(GuardedNode):
             if state.label == 'active':
                 self.deactivate()
             if state.label != 'unconfigured':  # else there is nothing to drop
-                self.cleanup()
+                self._clean_up()
 
         return self._transition(end)
+
+    def _clean_up(self) -> None:
+        self.cleanup()
+        self._drop_publishers()
+
+    def _drop_publishers(self) -> None:
+        """Destroy the publishers that configure has made; the next one makes them anew."""
+        for publisher in [each for each in self.publishers if each not in self._lasting]:
+            self.destroy_publisher(publisher)
 
     def summary(self) -> str:
         """Describe the node's inputs and outputs in a line, for the log."""
@@ -431,6 +484,11 @@ class DenocNode(GuardedNode):
     def state(self) -> str:
         """Label of the lifecycle state."""
         return str(self._state_machine.current_state[1])
+
+    @property
+    def is_configured(self) -> bool:
+        """Whether the node is configured: active or not."""
+        return self.state in ('active', 'inactive')
 
     def save(self) -> None:
         """Save the state when the executor hangs: called last, from another thread."""

@@ -8,33 +8,40 @@ from typing import Any
 
 import numpy as np
 from sensor_msgs.msg import JointState
+from std_srvs.srv import SetBool
 from trajectory_msgs.msg import JointTrajectory
 
 from denoc_ros.dynamics.feedforward import TorqueFeedforward
-from denoc_ros.errors import ConfigError
+from denoc_ros.dynamics.robot import Robot
 from denoc_ros.estimation.clock import StampClock
-from denoc_ros.nodes.base import EVERY_MESSAGE
-from denoc_ros.nodes.base_input import BaseInput
-from denoc_ros.nodes.base_wrench import BaseWrench
-from denoc_ros.nodes.live_feedforward import LiveFeedforward
-from denoc_ros.nodes.model_node import driven_joints
+from denoc_ros.model.numbers import FAMILIES
+from denoc_ros.nodes.messages import EVERY_MESSAGE
 from denoc_ros.nodes.process import leave, run
-from denoc_ros.nodes.torque_output import ImpedanceOutput, TorqueOutput
-from denoc_ros.runtime.carrying import CarryingTorque
+from denoc_ros.nodes.robot_node import RobotNode
+from denoc_ros.nodes.sensor_inputs import BaseInput
+from denoc_ros.nodes.torque import BaseWrench, ImpedanceOutput, TorqueFeedback, TorqueOutput
+from denoc_ros.runtime.clocks import StampOf
 from denoc_ros.runtime.conversions import JointStateReader
 from denoc_ros.runtime.feedforward_parameters import TABLE
-from denoc_ros.runtime.following import STALE_JOINTS
-from denoc_ros.runtime.input_error import InputError
-from denoc_ros.runtime.input_monitor import InputMonitor
-from denoc_ros.runtime.live_torque import LiveTorque
-from denoc_ros.runtime.motion_bounds import motion_bounds
+from denoc_ros.runtime.input_monitor import InputError, InputMonitor
+from denoc_ros.runtime.motion_bounds import limits_of, motion_bounds
 from denoc_ros.runtime.parameters import Settings
-from denoc_ros.runtime.phase_lock import PLACE, PhaseLock
 from denoc_ros.runtime.reference import FiniteDifferencer, ReferenceFollower
-from denoc_ros.runtime.safety import SafeCommand, TorqueLimiter, torque_limits
-from denoc_ros.runtime.stamps import StampOf
-from denoc_ros.runtime.torque_status import TorqueStatus
+from denoc_ros.runtime.status import Status
+from denoc_ros.runtime.timing import PLACE, PhaseLock
+from denoc_ros.runtime.torque import (
+    STALE_JOINTS,
+    CarryingTorque,
+    FollowingConditions,
+    LiveTorque,
+    SafeCommand,
+    TorqueLimiter,
+    TorqueStatus,
+    torque_feedforward,
+    torque_limits,
+)
 from denoc_ros.runtime.trajectory_messages import has_many_points, read_trajectory
+from denoc_ros.settings import Value
 from denoc_ros.types import Array
 
 FINAL_COMMANDS = 5  # sent at the end, in case a reader misses some
@@ -42,29 +49,41 @@ FINAL_SPACING = 0.005  # s
 LOOK_PERIOD = 0.02  # s between looks at whether the measured loops close
 CARRYING_ACTIONS = ('hold', 'ramp_to_gravity')  # begin with the weight where nothing has left
 DESIGN_PATIENCE = 30.0  # s that configure waits for gains: half of what a callback may take
+TWISTS = ('odometry', 'odometry_accel', 'imu')  # what measures how a base turns
+WATCH_PERIOD = 0.02  # s between looks at what the feedback needs gains for
 END_PATIENCE = 1.0  # s beyond the ramp to reach it, however small max_delta_tau is
 
 
-class FeedforwardNode(LiveFeedforward):
+class FeedforwardNode(RobotNode):
     """Follows `reference` with the torque that the model says it takes."""
 
+    sees_joint_states = True
+
     def __init__(self, **options: Any) -> None:
-        super().__init__(TABLE, **options)
-        self._connected = False
+        super().__init__('feedforward', TABLE, **options)
+        self.by_message = self.settings.text('trigger') == 'message'
+        self.from_joints = self.settings.text('reference_source') == 'joint_states'
+        self.conditions = FollowingConditions(self.settings, self.from_joints)
+        self.create_service(SetBool, '~/enable', self._on_enable)
+        self.add_trigger_service('~/stop', self._stop)
+        self.add_trigger_service('~/reset', self._reset)
+        self.add_trigger_service('~/reload_model', self.reload)
+        self.feedback = TorqueFeedback(self)
+        self._watches = False
         self.base = BaseInput(self)
 
     # ---- configure
 
     def prepare(self) -> None:
         """Build the torque, its guards, and all messages; run each once."""
-        settings, name = self.settings, self.get_fully_qualified_name()
+        settings = self.settings
         self.require_twist()
-        self.joints = driven_joints(self.robot, settings.texts('joints'), name)
+        self.joints = self.driven_joints(settings)
         n = len(self.joints)
         try:
             limits = torque_limits(self.robot, self.joints, settings)
         except ValueError as error:
-            raise ConfigError(name, [str(error)]) from error
+            raise self.config_error(str(error)) from error
         self.limiter = TorqueLimiter(limits, settings.number('max_delta_tau'))
         for joint, limit in zip(self.joints, limits, strict=True):
             if limit == 0.0:
@@ -107,30 +126,22 @@ class FeedforwardNode(LiveFeedforward):
         self._takeovers = 0
         self.conditions.update(settings)
         self.base.build(self.robot.gravity)
-        self._connect()
 
     def _impedance(self, settings: Settings) -> ImpedanceOutput | None:
-        """Return what sends the gains of drives, None where no stiffness is given."""
-        gains = [settings.numbers(f'impedance.{what}') for what in ('stiffness', 'damping')]
-        n, name = len(self.joints), self.get_fully_qualified_name()
-        if not gains[0]:
-            if any(gains[1]):
+        """Return the output of the gains of drives, None where no stiffness is given."""
+        if not settings.numbers('impedance.stiffness'):
+            if any(settings.numbers('impedance.damping')):
                 rule = "parameter 'impedance.stiffness' must be given beside 'impedance.damping'"
-                raise ConfigError(name, [f'{rule}, got none'])
+                raise self.config_error(f'{rule}, got none')
             return None
-        for what, values in zip(('stiffness', 'damping'), gains, strict=True):
-            if len(values) not in (1, n):
-                rule = f"parameter 'impedance.{what}' must have 1 or {n} elements"
-                raise ConfigError(name, [f'{rule}, got {len(values)}'])
-        stiffness, damping = (np.broadcast_to(values, n) for values in gains)
+        stiffness, damping = (
+            self.per_joint(f'impedance.{what}', settings) for what in ('stiffness', 'damping')
+        )
         ramp_time = settings.number('ramp_time')
         return ImpedanceOutput(self, self.joints, stiffness, damping, ramp_time)
 
-    def _connect(self) -> None:
-        """Subscribe, once: a node that is configured again keeps its subscriptions."""
-        if self._connected:
-            return
-        self._connected = True
+    def connect(self) -> None:
+        """Subscribe."""
         self.base.connect()
         self.reference_input: InputMonitor | None = None
         joints, reference = self._on_joint_state, self._on_reference
@@ -146,6 +157,80 @@ class FeedforwardNode(LiveFeedforward):
             self.reference_input = self.listen_in_loop(
                 JointTrajectory, 'reference', reference, has_many_points
             )
+
+    # ---- what depends on the model
+
+    @property
+    def flies(self) -> bool:
+        """Whether thrusters hold a base that would float."""
+        return self.settings.text('base') == 'free_flying'
+
+    @property
+    def drifts(self) -> bool:
+        """Whether a base that floats reacts from a measured twist."""
+        return self.settings.text('base') == 'drifting'
+
+    @property
+    def holds_base(self) -> bool:
+        """Whether the base's motion is measured, or none."""
+        return self.flies or (self.settings.text('base_motion') != 'off' and not self.drifts)
+
+    def require_twist(self) -> None:
+        """Refuse a base that drifts where nothing measures how it turns.
+
+        Raises
+        ------
+        ConfigError
+            With what may.
+        """
+        source = self.settings.text('base_motion')
+        if self.drifts and source not in TWISTS:
+            rule = f"must be one of {', '.join(TWISTS)} where 'base' is drifting, got {source!r}"
+            raise self.config_error(f"parameter 'base_motion' {rule}")
+
+    def floating_robot(self, settings: Settings) -> Robot | None:
+        """Return the robot whose base would float, if thrusters hold it."""
+        if self.floating is None or not self.flies:
+            return None
+        return self.floating.robot(settings.family(*FAMILIES))
+
+    @property
+    def in_hurry(self) -> bool:
+        """Whether a loop in real time waits for the model."""
+        return not (self.by_message or self.clock.is_simulated)
+
+    def _build(self, robot: Robot, settings: Settings) -> TorqueFeedforward:
+        posture = self.posture(robot, settings)
+        return torque_feedforward(robot, self.joints, settings, posture, self.in_hurry)
+
+    def _build_feedback(
+        self, robot: Robot, settings: Settings, limits: Array, patience: float = 0.0
+    ) -> None:
+        posture = self.posture(robot, settings)
+        self.feedback.build(robot, self.joints, settings, limits, posture, patience)
+        if self.feedback.state.wanted and not self._watches:
+            self._watches = True
+            self.create_timer(WATCH_PERIOD, self._watch_beside, clock=self.steady_clock)
+
+    def follow_clock(self) -> None:
+        """Look at the time; who answers messages does not hold it."""
+        super().follow_clock()
+        if self.by_message and self.progress is not None and self.state == 'active':
+            self.progress.tell(math.inf)
+
+    def _watch_beside(self) -> None:
+        """Watch, unless the ticks of simulated time do: then they wait for the gains."""
+        if not self.clock.is_simulated:
+            self._watch()
+
+    def _watch(self) -> None:
+        """Show the feedback the motion to come."""
+        if self.state != 'active':
+            return
+        if self.follower.given:
+            self.feedback.state.watch(self.follower, self.q)
+        elif self.joint_input.received:
+            self.feedback.state.watch(self.follower, self._reader.position)
 
     # ---- inputs: what is stored here, the tick consumes
 
@@ -174,19 +259,11 @@ class FeedforwardNode(LiveFeedforward):
                 "reference must be single points for now while 'trigger' is message, "
                 f'got {len(message.times)} points',
             )
-        take = self.reference_input.accept
         if not self.by_message:
-            measured = self._reader.position if self.joint_input.received else None
-            self.follower.offer(
-                message,
-                now,
-                self.stamp_ns_at(now),
-                measured,
-                # stamp 0 starts now, whatever was sent before
-                lambda: take(message.stamp_ns or None, now),
-            )
+            there = self._reader.position if self.joint_input.received else None
+            self.offer(self.follower, message, self.reference_input, now, there)
             return
-        take(message.stamp_ns, now)
+        self.reference_input.accept(message.stamp_ns, now)
         point = self.stream.complete(1e-9 * message.stamp_ns, *message.first)
         self._answer(message.stamp_ns, *point)
 
@@ -197,8 +274,8 @@ class FeedforwardNode(LiveFeedforward):
         if trouble := self.base.trouble(self.clock.now()):
             self._cause = trouble
             return
-        self.torque.take(self.limiter)
-        self._move_base(self.clock.now())
+        if self.base.used:
+            self._move_base(self.clock.now())
         before, self._message_time = self._message_time, stamp_ns
         elapsed = 0.0 if before is None else 1e-9 * (stamp_ns - before)
         torque = self.torque.update(q, qd, qdd, elapsed)
@@ -214,11 +291,8 @@ class FeedforwardNode(LiveFeedforward):
     # ---- loop
 
     def cleanup(self) -> None:
-        """Take the publishers down; the next configure makes them for its joints."""
-        self.output.close(self)
-        self.feedback.close()
-        if self.wrench is not None:
-            self.wrench.close(self)
+        """End the process that designs gains."""
+        self.feedback.state.close()
 
     def begin(self) -> None:
         """Start from rest: nothing is known and nothing has left."""
@@ -258,8 +332,8 @@ class FeedforwardNode(LiveFeedforward):
             if self.phase is not None:
                 self.loop.shift = self.phase.shift(self._tick_time)
         now = self.clock.now()
-        self.torque.take(self.limiter)
-        self._move_base(self._tick_time + self.conditions.lead)
+        if self.base.used:
+            self._move_base(self._tick_time + self.conditions.lead)
         # the model goes on along the reference even while torque may not: so a short gap in the
         # joint states does not cost it the amplitudes
         reference_age = self.follower.age(now)
@@ -318,8 +392,6 @@ class FeedforwardNode(LiveFeedforward):
 
     def _move_base(self, time: float) -> None:
         """Let the model's base move as measured, carried on to a time."""
-        if not self.base.used:
-            return
         motion, source = self.base.at(time), self.torque.source
         if self.drifts and len(source.robot.base_indices):
             source.move_floating_base(None if motion is None else motion.twist)
@@ -329,7 +401,7 @@ class FeedforwardNode(LiveFeedforward):
     def _trouble(self, now: float, reference_age: float) -> str:
         """Return why the reference may not be followed, '' if it may."""
         age, has_posture = self.joint_input.age(now), not self.carrying.failure
-        if trouble := self.base.trouble(now):
+        if self.base.used and (trouble := self.base.trouble(now)):
             return trouble
         return self.conditions.trouble(age, has_posture, self.follower.given, reference_age)
 
@@ -399,7 +471,7 @@ class FeedforwardNode(LiveFeedforward):
 
     def come_to_rest(self) -> None:
         """Go to the safe command, then say it again."""
-        self.feedback.stop()
+        self.feedback.state.stop()
         if self.by_message:
             return
         self.feedback.rest()
@@ -417,6 +489,79 @@ class FeedforwardNode(LiveFeedforward):
             self._tell_progress()
             if not self.clock.sleep(max(self.period, FINAL_SPACING) if repeats else self.period):
                 repeats = FINAL_COMMANDS  # time stands: nothing more will change
+
+    # ---- services and live parameters
+
+    def _on_enable(self, request: Any, response: Any) -> Any:
+        self.conditions.enable(bool(request.data))
+        response.success = True
+        response.message = 'enabled' if self.conditions.enabled else 'disabled: safe command'
+        return response
+
+    def _stop(self) -> str:
+        """Stop until enabled again; the reference is dropped."""
+        self.conditions.stopped = True
+        if self.is_configured:
+            self.follower.clear()
+        return 'stopped: safe command until ~/enable'
+
+    def _reset(self) -> str:
+        """Forget reference, stamps and amplitudes."""
+        if self.is_configured:
+            self.follower.clear()
+            self.between_ticks(self.torque.reset)
+            self._message_time = None
+        self.forget_stamps()
+        return 'reset: waiting for a reference'
+
+    def rebuilds(self, name: str) -> bool:
+        """Say whether a parameter changes the model or the terms of its torque."""
+        return name == 'model' or name.startswith('terms.') or super().rebuilds(name)
+
+    def take_robot(self, robot: Robot, settings: Settings) -> None:
+        """Build torque and feedback anew; the joints must stay."""
+        self.require_joints(robot)
+        limits = torque_limits(robot, self.joints, settings)
+        source = self._build(robot, settings)
+        self._build_feedback(robot, settings, limits)
+        self.bounds.update(limits_of(robot, self.joints))
+        self.robot = robot
+        self.between_ticks(self._swap, source, limits)
+
+    def _swap(self, source: TorqueFeedforward, limits: Array) -> None:
+        """Go on with a changed model where the one before is."""
+        self.torque.replace(source)
+        self.limiter.take_limits(limits)
+
+    def settings_changed(self, settings: Settings, changes: dict[str, Value]) -> None:
+        """Build a changed model, or feedback alone; take the conditions of following."""
+        if not self.is_configured:
+            return
+        if any(map(self.rebuilds, changes)):
+            self.take_robot(self.changed_robot(settings), settings)
+        elif any(name.startswith('feedback.') for name in changes):
+            limits = torque_limits(self.robot, self.joints, settings)
+            self._build_feedback(self.robot, settings, limits)
+        self.conditions.update(settings)
+
+    def save(self) -> None:
+        """Leave no process behind, whatever hangs."""
+        self.feedback.state.close()
+
+    # ---- diagnostics
+
+    def work_statuses(self) -> list[Status]:
+        """State of torque and feedback."""
+        more = {
+            'enabled': self.conditions.enabled,
+            'model': self.torque.source.model,
+            'joints': ' '.join(self.joints),
+            'takeovers': self._takeovers,
+        }
+        if self.phase is not None:
+            more['synchronous'] = self.phase.is_steady
+        status = self._said.status(self._cause, self.limiter, self.torque.failures, more)
+        return [status, *self.feedback.statuses()]
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -12,10 +12,8 @@ from rclpy.qos import QoSProfile
 from trajectory_msgs.msg import JointTrajectory
 
 from denoc_ros.bags.cdr import CdrError, CdrReader
-from denoc_ros.runtime.active_publishers import ActivePublishers
 from denoc_ros.runtime.clocks import Clock
-from denoc_ros.runtime.input_error import MOST_JOINTS, InputError
-from denoc_ros.runtime.input_monitor import InputMonitor
+from denoc_ros.runtime.input_monitor import MOST_JOINTS, ActivePublishers, InputError, InputMonitor
 
 HELD = 4  # heavy messages that wait; more of them in so short a time are a flood
 TAKE_TIME = 2e-3  # s of a processor for the messages of one take; then the newest only
@@ -229,14 +227,11 @@ class Input:
         self._later: deque[tuple[int, bool, bytes, int]] = deque()
         self._interval = self._last_ns = self._expected_ns = 0
 
-    def take(self) -> None:
+    def take(self, subscription: Any = None) -> None:
         """Handle all that has arrived since the last call, at most a queue."""
-        self._take(self.subscription)
-
-    def _take(self, subscription: Any) -> None:
         before, now = self._last_take, time.perf_counter()
         self._last_take = now
-        take, kind = subscription.handle.take_message, self._kind
+        take, kind = (subscription or self.subscription).handle.take_message, self._kind
         first = take(kind, True)
         more = None if first is None or self._depth == 1 else take(kind, True)
         # counted after that, and before: what waited may be from one that came or went since
@@ -332,7 +327,7 @@ class Input:
             self._active_publishers.begin(time.perf_counter())
             self._give(raw, now, publishing)
         else:
-            self._take(self._numbered)
+            self.take(self._numbered)
 
     def take_heavy(self) -> None:
         """Handle some of the messages that were too long for the loop, in a share of the time."""

@@ -12,18 +12,31 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import numpy as np
+from builtin_interfaces.msg import Duration as DurationMessage
+from builtin_interfaces.msg import Time
 from geometry_msgs.msg import AccelStamped, PoseStamped
 from rclpy.duration import Duration
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import Imu
 from std_msgs.msg import Float64, Float64MultiArray, MultiArrayDimension
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from denoc_ros.bags.cdr import stamp_bytes
+from denoc_ros.bags.cdr import stamp_bytes, stamp_fields
 from denoc_ros.bags.definitions import exact_cdr
 from denoc_ros.bags.joint_state import IMPEDANCE
+from denoc_ros.kernels.rotation import write_quaternion
+from denoc_ros.runtime.trajectory_messages import TrajectoryMessage
 from denoc_ros.types import Array
 
+NEWEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+COMMAND = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
+# a second at 1000 Hz for a reader that was away: the transport holds some 500 messages in all
+STATE = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
+EVERY_MESSAGE = QoSProfile(depth=10000, reliability=ReliabilityPolicy.RELIABLE)
+LATCHED = QoSProfile(
+    depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
+)
 DELIVERY = 0.5  # s
 STAMP = struct.Struct('<iI')
 
@@ -195,6 +208,25 @@ class PoseMessage(_Prebuilt):
         self.values[:] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 
 
+def time_message(stamp_ns: int) -> Time:
+    """Return a stamp [ns] as a message."""
+    seconds, nanoseconds = stamp_fields(stamp_ns)
+    return Time(sec=seconds, nanosec=nanoseconds)
+
+
+def duration_message(seconds: float) -> DurationMessage:
+    """Return a time [s] as a message."""
+    whole, rest = divmod(round(1e9 * seconds), 1_000_000_000)
+    return DurationMessage(sec=whole, nanosec=rest)
+
+
+def quaternion(rotation: Array) -> Array:
+    """Return the quaternion x, y, z, w of a rotation (3, 3): w >= 0, or the first other > 0."""
+    found = np.empty(4)
+    write_quaternion(np.ascontiguousarray(rotation, dtype=np.float64), found)
+    return found
+
+
 def listeners(publisher: Any) -> Callable[[], int]:
     """Make a counter of a publisher's subscriptions, ten times quicker than rclpy's."""
     count: Callable[[], int] = publisher.handle.get_subscription_count
@@ -219,3 +251,51 @@ def wait_until_delivered(publishers: Iterable[Any]) -> None:
     for publisher in publishers:
         left = max(0.0, end - time.perf_counter())
         publisher.wait_for_all_acked(Duration(seconds=left))
+
+
+def planned_message(
+    joints: Sequence[str],
+    arrays: dict[str, Array],
+    begin_ns: int,
+    chosen: Sequence[int] | None = None,
+) -> JointTrajectory:
+    """Return the message of a plan that begins at a stamp [ns]: `t`, `q`, `qd`, `qdd`."""
+    places = list(range(len(joints))) if chosen is None else list(chosen)
+    rows = [np.asarray(arrays[name][:, places]).tolist() for name in ('q', 'qd', 'qdd')]
+    since = arrays['t'] - arrays['t'][0]
+    points = [
+        JointTrajectoryPoint(
+            positions=q, velocities=qd, accelerations=qdd, time_from_start=duration_message(t)
+        )
+        for t, q, qd, qdd in zip(since.tolist(), *rows, strict=True)
+    ]
+    return _message([joints[k] for k in places], points, begin_ns)
+
+
+def unshaped_message(
+    joints: Sequence[str],
+    given: TrajectoryMessage,
+    begin_ns: int,
+    chosen: Sequence[int] | None = None,
+) -> JointTrajectory:
+    """Return the message that came in, with another stamp [ns]; 0: now."""
+    places = list(range(len(joints))) if chosen is None else list(chosen)
+    points = []
+    for k, t in enumerate(given.times.tolist()):
+        point = JointTrajectoryPoint(
+            positions=given.positions[k, places].tolist(), time_from_start=duration_message(t)
+        )
+        if given.velocities is not None:
+            point.velocities = given.velocities[k, places].tolist()
+        if given.accelerations is not None:
+            point.accelerations = given.accelerations[k, places].tolist()
+        points.append(point)
+    return _message([joints[k] for k in places], points, begin_ns)
+
+
+def _message(
+    names: list[str], points: list[JointTrajectoryPoint], begin_ns: int
+) -> JointTrajectory:
+    message = JointTrajectory(joint_names=names, points=points)
+    message.header.stamp = time_message(begin_ns)
+    return message

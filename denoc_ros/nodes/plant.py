@@ -6,9 +6,10 @@ import math
 import time
 from collections import deque
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from nav_msgs.msg import Odometry
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, String
 from trajectory_msgs.msg import JointTrajectory
@@ -19,31 +20,30 @@ from denoc_ros.dynamics.driven_motion import DrivenMotion, driven_motion
 from denoc_ros.dynamics.equilibrium import Equilibrium
 from denoc_ros.dynamics.measured_side import MeasuredStates
 from denoc_ros.dynamics.robot import Robot
-from denoc_ros.errors import ConfigError
 from denoc_ros.model.mjcf import SEGMENTS
 from denoc_ros.model.overrides import with_overrides
 from denoc_ros.model.plant_description import PlantDescription
-from denoc_ros.nodes.base import LATCHED, STATE
-from denoc_ros.nodes.base_output import BaseOutput
-from denoc_ros.nodes.inertial_outputs import InertialOutputs
-from denoc_ros.nodes.messages import listeners, raw_publish
-from denoc_ros.nodes.model_node import driven_joints, is_override
+from denoc_ros.nodes.messages import LATCHED, STATE, listeners, quaternion, raw_publish
 from denoc_ros.nodes.process import leave, run
 from denoc_ros.nodes.robot_node import RobotNode
-from denoc_ros.nodes.sensor_outputs import SensorOutputs
-from denoc_ros.nodes.time_source import TimeSource
+from denoc_ros.nodes.sensor_outputs import InertialOutputs, SensorOutputs
+from denoc_ros.nodes.simulated_time import TimeSource
 from denoc_ros.runtime.clocks import Clock as RobotClock
+from denoc_ros.runtime.clocks import StampOf
 from denoc_ros.runtime.conversions import CommandReader
-from denoc_ros.runtime.input_error import InputError
+from denoc_ros.runtime.input_monitor import InputError
 from denoc_ros.runtime.motion_bounds import motion_bounds
-from denoc_ros.runtime.parameters import Settings, Value
+from denoc_ros.runtime.parameters import Settings
 from denoc_ros.runtime.plant_parameters import TABLE
 from denoc_ros.runtime.reference import ReferenceFollower
-from denoc_ros.runtime.stamps import StampOf
 from denoc_ros.runtime.status import ERROR, WARN, Status
 from denoc_ros.runtime.trajectory_messages import has_many_points, read_trajectory
+from denoc_ros.settings import Value
 from denoc_ros.simulation.simulated_robot import Drives, ModalRobot, SimulatedRobot
 from denoc_ros.types import Array
+
+if TYPE_CHECKING:
+    from denoc_ros.nodes.base import DenocNode
 
 CATCH_UP = 50  # steps that a tick after a pause of the machine takes in any case
 CATCH_UP_TIME = 0.02  # s of a processor for more of them; what is left is time lost
@@ -56,13 +56,45 @@ REMEDY = (
 )
 
 
+class BaseOutput:
+    """Publishes pose and twist of a floating base.
+
+    Parameters
+    ----------
+    node : DenocNode
+    robot : Robot
+        With a floating base.
+    """
+
+    def __init__(self, node: DenocNode, robot: Robot) -> None:
+        (body,) = (body for body in robot.tree.bodies if body.floating)
+        self._message = Odometry()
+        root = next(f for f, place in robot.tree.frames.items() if place.body < 0)
+        self._message.header.frame_id = root
+        self._message.child_frame_id = body.name
+        self._publisher = node.create_publisher(Odometry, 'base_motion', STATE)
+
+    def send(self, stamp_ns: int, robot: Robot, q: Array, qd: Array) -> None:
+        """Publish the base's motion at a state; the twist is along the base's own axes."""
+        pose, twist = robot.base_odometry(q, qd)
+        message = self._message
+        stamp = message.header.stamp
+        stamp.sec, stamp.nanosec = divmod(stamp_ns, 1_000_000_000)
+        place, turned = message.pose.pose.position, message.pose.pose.orientation
+        place.x, place.y, place.z = pose[:3, 3].tolist()
+        turned.x, turned.y, turned.z, turned.w = quaternion(pose[:3, :3]).tolist()
+        linear, angular = message.twist.twist.linear, message.twist.twist.angular
+        linear.x, linear.y, linear.z = twist[:3].tolist()
+        angular.x, angular.y, angular.z = twist[3:].tolist()
+        self._publisher.publish(message)
+
+
 class PlantNode(RobotNode):
     """Simulates the robot under the commanded effort and publishes its sensors' values."""
 
     def __init__(self, **options: Any) -> None:
         self.source: TimeSource | None = None
         super().__init__('plant', TABLE, **options)
-        self._connected = False
         self.add_trigger_service('~/reset', self._reset)
         self._commands: deque[tuple[float, Array]] = deque(maxlen=COMMANDS)
         self._command: Array | None = None
@@ -75,7 +107,7 @@ class PlantNode(RobotNode):
             return super().make_clock()
         if settings.text('clock') == 'lockstep' and not partners:
             rule = "parameter 'lockstep.partners' must name nodes where 'clock' is lockstep"
-            raise ConfigError(self.get_fully_qualified_name(), [f'{rule}, got none'])
+            raise self.config_error(f'{rule}, got none')
         if settings.text('clock') == 'publish':
             partners = []
         self.source = TimeSource(
@@ -101,9 +133,7 @@ class PlantNode(RobotNode):
         if settings.text('engine') == 'mujoco':
             if modes or shape:
                 rule = "parameters 'modes' and 'shape' must be 0 and '' where 'engine' is mujoco"
-                raise ConfigError(
-                    self.get_fully_qualified_name(), [f'{rule}, got {modes} and {shape!r}']
-                )
+                raise self.config_error(f'{rule}, got {modes} and {shape!r}')
             return robot
         plant = PlantDescription(modes, shape, settings.integer('segments'))
         return robot.with_overrides(plant.overrides(robot.tree)) if plant else robot
@@ -111,8 +141,7 @@ class PlantNode(RobotNode):
     def prepare(self) -> None:
         """Build stepper, start, drives and all messages; run each once."""
         settings, robot = self.settings, self.robot
-        name = self.get_fully_qualified_name()
-        self.joints = driven_joints(robot, settings.texts('joints'), name)
+        self.joints = self.driven_joints(settings)
         self._drives = np.array([robot.joint_names.index(joint) for joint in self.joints])
         self._index = np.ascontiguousarray(robot.joint_indices[self._drives])
         self._tau = np.zeros(robot.n)
@@ -120,13 +149,10 @@ class PlantNode(RobotNode):
         simulated = self._build(robot, settings)
         self._prepare_messages(settings)
         self._use(simulated)
-        self._pending: SimulatedRobot | None = None
-        self._reset_wanted = False
         self._lost_steps = 0
         self._brake = settings.flag('brake')
         self._place()
         self._simulated.tip_deflections(*self._deflection_arrays)
-        self._connect()
         if settings.text('urdf_path'):
             self._description_out.publish(String(data=robot.tree.source))
 
@@ -137,10 +163,9 @@ class PlantNode(RobotNode):
         drives = Drives(motion.given, self._index, self._kp, self._kd)
         if settings.text('engine') == 'mujoco':
             return self._in_mujoco(robot, settings, start, drives)
-        name = self.get_fully_qualified_name()
         if scene := settings.text('scene'):
             rule = "parameter 'scene' must be empty where 'engine' is denoc, which touches nothing"
-            raise ConfigError(name, [f'{rule}, got {scene!r}'])
+            raise self.config_error(f'{rule}, got {scene!r}')
         return ModalRobot(robot, self.period, start, drives)
 
     def _in_mujoco(
@@ -150,7 +175,7 @@ class PlantNode(RobotNode):
 
         if not settings.flag('geometric_stiffness'):
             rule = "parameter 'geometric_stiffness' must be true where 'engine' is mujoco"
-            raise ConfigError(self.get_fully_qualified_name(), [f'{rule}, got false'])
+            raise self.config_error(f'{rule}, got false')
         assert self.model is not None
         payloads = self.model.plain(settings.family('payload'))
         tree = with_overrides(robot.tree, payloads) if payloads else robot.tree
@@ -182,12 +207,12 @@ class PlantNode(RobotNode):
 
     def _start(self, motion: DrivenMotion, settings: Settings) -> Array:
         """Return the state (n,) to start from."""
-        name, count = self.get_fully_qualified_name(), len(self.joints)
+        count = len(self.joints)
         q: Array = motion.posture.copy()
         given = settings.numbers('start') or q[motion.index].tolist()
         if len(given) != count:
             rule = f"parameter 'start' must have {count} elements"
-            raise ConfigError(name, [f'{rule}, got {len(given)}'])
+            raise self.config_error(f'{rule}, got {len(given)}')
         motion.positions(q, np.array(given))
         free = np.union1d(motion.bound, motion.robot.flexible_indices)
         falls = len(motion.robot.base_indices) > 0  # freely: nothing has a weight
@@ -198,10 +223,7 @@ class PlantNode(RobotNode):
     def _prepare_drives(self, settings: Settings) -> None:
         """Read gains and limits; make the readers of commands and reference."""
         count = len(self.joints)
-        self._kp, self._kd = (
-            self._per_joint(f'feedback.{key}', settings.numbers(f'feedback.{key}'))
-            for key in ('kp', 'kd')
-        )
+        self._kp, self._kd = (self.per_joint(f'feedback.{key}', settings) for key in ('kp', 'kd'))
         self._has_feedback = bool(self._kp.any() or self._kd.any())
         limits = {name: joint.limits.effort for name, joint in self.robot.tree.joints.items()}
         enforce = settings.flag('enforce_effort_limits')
@@ -213,15 +235,6 @@ class PlantNode(RobotNode):
         self.follower = ReferenceFollower(count, REFERENCE_GAP, self.bounds)
         self._wanted, self._wanted_rate, self._wanted_acceleration = np.zeros((3, count))
         self.effort = np.zeros(count)
-
-    def _per_joint(self, name: str, values: list[float]) -> Array:
-        count = len(self.joints)
-        if len(values) not in (1, count):
-            raise ConfigError(
-                self.get_fully_qualified_name(),
-                [f"parameter '{name}' must have 1 or {count} elements, got {len(values)}"],
-            )
-        return np.array(values * count if len(values) == 1 else values)
 
     def _prepare_messages(self, settings: Settings) -> None:
         robot = self.robot
@@ -255,11 +268,8 @@ class PlantNode(RobotNode):
         self.sensors = SensorOutputs(self, robot, noisy, self._generator)
         self.inertial_sensors = InertialOutputs(self, robot, noisy, self._generator)
 
-    def _connect(self) -> None:
-        """Subscribe, once: a node that is configured again keeps its subscriptions."""
-        if self._connected:
-            return
-        self._connected = True
+    def connect(self) -> None:
+        """Subscribe."""
         self.command_input = self.listen_in_loop(
             Float64MultiArray,
             self.settings.text('impedance_command') or self.settings.text('command'),
@@ -273,15 +283,6 @@ class PlantNode(RobotNode):
                 JointTrajectory, 'reference', self._on_reference, has_many_points
             )
 
-    def cleanup(self) -> None:
-        """Take the publishers down; the next configure makes them for its robot."""
-        for publisher in (self._state_out, self._deflection_out, self._modal_out):
-            self.destroy_publisher(publisher)
-        if self._base_out is not None:
-            self._base_out.close(self)
-        self.sensors.close(self)
-        self.inertial_sensors.close(self)
-
     # ---- inputs
 
     def _on_command(self, raw: bytes, now: float) -> None:
@@ -291,28 +292,34 @@ class PlantNode(RobotNode):
 
     def _on_reference(self, raw: bytes, now: float) -> None:
         message = read_trajectory(raw, self.joints, self.bounds, partial=True)
-        take, stamp_ns = self.reference_input.accept, message.stamp_ns or None  # 0 starts now
-        there = self.q[self._index]
-        self.follower.offer(
-            message, now, self.stamp_ns_at(now), there, lambda: take(stamp_ns, now)
-        )
+        self.offer(self.follower, message, self.reference_input, now, self.q[self._index])
 
     def _reset(self) -> str:
         """Go back to the start; the brake holds until the next command."""
-        if self.state in ('active', 'inactive'):
+        if self.is_configured:
             self.follower.forget_begun(self._tick_time)
             self.command_input.reset()
-            self._reset_wanted = True
+            self.between_ticks(self._place)
         return 'back at the start'
 
     def settings_changed(self, settings: Settings, changes: dict[str, Value]) -> None:
-        """Build a changed model or start beside the loop, which takes it with its next tick."""
+        """Take the pace of its own time; build a changed model or start beside the loop."""
         self._set_pace(settings)
-        changed = 'start' in changes or any(map(is_override, changes))
-        if changed and self.state in ('active', 'inactive'):
-            robot = self.changed_robot(settings)
-            self.require_coordinates(robot)
-            self._pending = self._build(robot, settings)
+        super().settings_changed(settings, changes)
+
+    def rebuilds(self, name: str) -> bool:
+        """Say whether a parameter changes the model or where it starts."""
+        return name == 'start' or super().rebuilds(name)
+
+    def take_robot(self, robot: Robot, settings: Settings) -> None:
+        """Build the simulated robot anew; the coordinates must stay."""
+        self.require_coordinates(robot)
+        self.between_ticks(self._swap, self._build(robot, settings))
+
+    def _swap(self, simulated: SimulatedRobot) -> None:
+        """Go on with a changed model where the one before is."""
+        simulated.follow(self._simulated)
+        self._use(simulated)
 
     # ---- loop
 
@@ -336,14 +343,6 @@ class PlantNode(RobotNode):
 
     def tick(self, steps: int) -> None:
         """Advance to now under the effort of the drives, and publish the sensors' readings."""
-        pending = self._pending
-        if pending is not None:
-            self._pending = None
-            pending.follow(self._simulated)
-            self._use(pending)
-        if self._reset_wanted:
-            self._reset_wanted = False
-            self._place()
         if math.isnan(self._began):
             self._began = self._tick_time
         end = self._tick_time + steps * self._simulated.step
@@ -472,11 +471,8 @@ class PlantNode(RobotNode):
 
     # ---- diagnostics
 
-    def statuses(self) -> list[Status]:
-        """Return loop and simulation."""
-        found = super().statuses()
-        if self.state not in ('active', 'inactive'):
-            return found
+    def work_statuses(self) -> list[Status]:
+        """State of the simulation and of its time."""
         braked = self._braked
         status = Status('plant', message='braked' if braked else 'moving')
         status.values = {'lost_steps': self._lost_steps, 'braked': braked}
@@ -485,9 +481,9 @@ class PlantNode(RobotNode):
         if self._lost_steps:
             status.worsen(WARN, f'simulated time is {self._lost_steps} steps behind')
         if self.source is None:
-            return [*found, status]
+            return [status]
         self.fatal = self.fatal or self.source.trouble
-        return [*found, status, self.source.status()]
+        return [status, self.source.status()]
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -9,38 +9,138 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from geometry_msgs.msg import PoseStamped
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory
 from visualization_msgs.msg import MarkerArray
 
+from denoc_ros.bags.joint_state import JointStateMessage
+from denoc_ros.dynamics.deflection import TipDeflections
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import ConfigError, SolverError, StateError
 from denoc_ros.estimation.clock import StampClock
 from denoc_ros.estimation.observer import Observer
-from denoc_ros.nodes.base import STATE
-from denoc_ros.nodes.base_input import BaseInput
+from denoc_ros.estimation.parameter_tracker import ParameterTracker
+from denoc_ros.kernels.compiled import ready
+from denoc_ros.kernels.rotation import write_quaternion
+from denoc_ros.nodes.base import DenocNode
 from denoc_ros.nodes.markers import CentreLines, LineMarkers
-from denoc_ros.nodes.model_node import driven_joints, is_override
-from denoc_ros.nodes.predictor_outputs import PredictorOutputs
+from denoc_ros.nodes.messages import STATE, PoseMessage, listeners, raw_publish
 from denoc_ros.nodes.process import leave, run
 from denoc_ros.nodes.robot_node import RobotNode
-from denoc_ros.nodes.sensor_inputs import SEARCH_PERIOD, SensorInputs
-from denoc_ros.runtime.adaptation import Adaptation
+from denoc_ros.nodes.sensor_inputs import SEARCH_PERIOD, BaseInput, SensorInputs
+from denoc_ros.runtime.clocks import StampOf
 from denoc_ros.runtime.conversions import JointStateReader
-from denoc_ros.runtime.fusion_status import fusion_status
-from denoc_ros.runtime.live_observer import build_observer, is_observers
+from denoc_ros.runtime.live_observer import Adaptation, build_observer, fusion_status, is_observers
 from denoc_ros.runtime.motion_bounds import limits_of, motion_bounds
-from denoc_ros.runtime.parameters import Settings, Value
+from denoc_ros.runtime.parameters import Settings
 from denoc_ros.runtime.predictor_parameters import TABLE
 from denoc_ros.runtime.reference import ReferenceFollower
-from denoc_ros.runtime.stamps import StampOf
 from denoc_ros.runtime.status import WARN, Status
 from denoc_ros.runtime.trajectory_messages import has_many_points, read_trajectory
 from denoc_ros.types import Array
 
+MOTION = ('position', 'velocity')
 Measurement = tuple[float, Array, Array | None, Array | None]
 MOST_STEPS = 20  # periods of a processor's time that measurements may take after a pause
 QUEUE = 64  # measurements kept for a late tick
+
+
+class PredictorOutputs:
+    """Publishers and messages of tip deflections, tip pose, modal state and residuals.
+
+    Parameters
+    ----------
+    node : DenocNode
+        It publishes.
+    coordinates : sequence of str
+        Of the modal state.
+    names : sequence of str
+        Of the deflections.
+    base_frame : str
+        Of the pose's header.
+    """
+
+    def __init__(
+        self, node: DenocNode, coordinates: Sequence[str], names: Sequence[str], base_frame: str
+    ) -> None:
+        self._deflection = JointStateMessage(names, MOTION)
+        self._ahead = JointStateMessage(names, MOTION)
+        self._modal = JointStateMessage(coordinates, MOTION)
+        bent, modal, ahead = self._deflection, self._modal, self._ahead
+        self._deflection_arrays = bent.position, bent.velocity
+        self._modal_arrays = modal.position, modal.velocity
+        self._ahead_arrays = ahead.position, ahead.velocity
+        self._pose = PoseMessage(base_frame)
+        self._place = self._pose.values[:3]
+        self._turned = self._pose.values[3:]
+        ready(write_quaternion)
+        self._residual = JointStateMessage((), ('position',))
+        self._heard: tuple[str, ...] = ()
+        self._parameters = JointStateMessage((), ('position', 'effort'))
+        publishers: dict[str, Any] = {
+            topic: node.create_publisher(JointState, f'~/{topic}', STATE)
+            for topic in (
+                'tip_deflection',
+                'tip_deflection_predicted',
+                'modal_state',
+                'sensor_residual',
+                'model_parameters',
+            )
+        }
+        publishers['tip_pose'] = node.create_publisher(PoseStamped, '~/tip_pose', STATE)
+        self._sends = {topic: raw_publish(publisher) for topic, publisher in publishers.items()}
+        self._listeners = {topic: listeners(publisher) for topic, publisher in publishers.items()}
+
+    def has_listener(self, topic: str) -> bool:
+        """Say whether anybody would receive a message: without listeners it is not computed."""
+        return bool(self._listeners[topic]())
+
+    def send_state(self, stamp_ns: int, observer: Observer) -> None:
+        """Publish tip deflections and modal state, where somebody listens."""
+        listeners = self._listeners
+        if listeners['tip_deflection']():
+            observer.deflections.evaluate(observer.q, observer.qd, out=self._deflection_arrays)
+            self._send('tip_deflection', self._deflection, stamp_ns)
+        if listeners['modal_state']():
+            observer.modal_state(self._modal_arrays)
+            self._send('modal_state', self._modal, stamp_ns)
+
+    def send_ahead(self, stamp_ns: int, q: Array, qd: Array, deflections: TipDeflections) -> None:
+        """Publish predicted tip deflections; the stamp is the time they are for."""
+        deflections.evaluate(q, qd, out=self._ahead_arrays)
+        self._send('tip_deflection_predicted', self._ahead, stamp_ns)
+
+    def send_pose(self, stamp_ns: int, pose: Array) -> None:
+        """Publish the pose (4, 4) of the deflected end effector."""
+        self._place[:] = pose[:3, 3]
+        write_quaternion(pose, self._turned)
+        self._send('tip_pose', self._pose, stamp_ns)
+
+    def send_residual(self, stamp_ns: int, sensors: SensorInputs, predicted: Array) -> None:
+        """Publish measured minus predicted of the sensors heard so far."""
+        gap = sensors.values - predicted
+        heard = np.isfinite(gap)
+        names = tuple(
+            s.name for s, has in zip(sensors.sensors, heard.tolist(), strict=True) if has
+        )
+        if names != self._heard:
+            self._heard = names
+            self._residual = JointStateMessage(names, ('position',))
+        self._residual.position[:] = gap[heard]
+        self._send('sensor_residual', self._residual, stamp_ns)
+
+    def send_parameters(self, stamp_ns: int, tracker: ParameterTracker) -> None:
+        """Publish numbers of the model that are tracked: value and standard deviation."""
+        if tracker.paths != self._parameters.names:
+            self._parameters = JointStateMessage(tracker.paths, ('position', 'effort'))
+        self._parameters.position[:] = tracker.values
+        self._parameters.effort[:] = tracker.deviations
+        self._send('model_parameters', self._parameters, stamp_ns)
+
+    def _send(self, topic: str, message: JointStateMessage | PoseMessage, stamp_ns: int) -> None:
+        message.stamp(stamp_ns)
+        self._sends[topic](message.bytes())
 
 
 class PredictorNode(RobotNode):
@@ -50,12 +150,11 @@ class PredictorNode(RobotNode):
 
     def __init__(self, **options: Any) -> None:
         super().__init__('predictor', TABLE, **options)
-        self._connected = False
         self.sensors = SensorInputs(self)
         self.base = BaseInput(self)
         self.add_trigger_service('~/reset', self._reset)
         self.add_trigger_service('~/tare', self._tare)
-        self.add_trigger_service('~/reload_model', self._reload)
+        self.add_trigger_service('~/reload_model', self.reload)
 
     @property
     def holds_base(self) -> bool:
@@ -67,22 +166,18 @@ class PredictorNode(RobotNode):
     def prepare(self) -> None:
         """Build observer, inputs and messages; run everything of the tick once."""
         settings, robot = self.settings, self.robot
-        name = self.get_fully_qualified_name()
-        self.joints = driven_joints(robot, settings.texts('joints'), name)
+        self.joints = self.driven_joints(settings)
         frames = list(robot.tree.frames)
         self.tip = settings.text('tip_frame') or frames[-1]
         if self.tip not in frames:
-            raise ConfigError(
-                name,
-                [f"parameter 'tip_frame' must be one of {', '.join(frames)}, got {self.tip!r}"],
+            raise self.config_error(
+                f"parameter 'tip_frame' must be one of {', '.join(frames)}, got {self.tip!r}"
             )
         self.base.build(robot.gravity)
         self.observer = self._build(robot, settings)
         self.adaptation = self._adaptation(robot, settings)
-        self._pending: tuple[Robot, Observer, Adaptation] | None = None
         self._model_failures = 0
         self._queue: deque[Measurement] = deque(maxlen=QUEUE)
-        self._reset_wanted = False
         self._stamps = StampClock()
         self._now = float('nan')
         self.bounds = motion_bounds(robot, self.joints, settings)
@@ -108,8 +203,9 @@ class PredictorNode(RobotNode):
         self.sensors.update(robot.tree)
         self._lines = CentreLines(robot.copy())
         self._line_markers = LineMarkers(self.base_frame)
+        if settings.number('marker_rate'):
+            self._markers = self.create_publisher(MarkerArray, '~/markers', STATE)
         self._rehearse()
-        self._connect()
 
     def _build(self, robot: Robot, settings: Settings) -> Observer:
         observer = build_observer(
@@ -132,11 +228,8 @@ class PredictorNode(RobotNode):
         self.robot.beam_sensor_values(zero, zero, zero)
         self._line_markers.encode(self._lines.points(zero), 0)
 
-    def _connect(self) -> None:
-        """Subscribe and set timers, once."""
-        if self._connected:
-            return
-        self._connected = True
+    def connect(self) -> None:
+        """Subscribe and set timers."""
         self.base.connect()
         self.joint_input = self.listen_in_loop(JointState, 'joint_states', self._on_joint_state)
         self.reference_input = self.listen_in_loop(
@@ -146,14 +239,9 @@ class PredictorNode(RobotNode):
             topic = self.settings.text('effort_topic')
             self.effort_input = self.listen_in_loop(JointState, topic, self._on_effort)
         self.create_timer(SEARCH_PERIOD, self._search, clock=self.steady_clock)
-        if rate := self.settings.number('marker_rate'):
-            self._markers = self.create_publisher(MarkerArray, '~/markers', STATE)
-            if not self.clock.is_simulated:  # else in the tick
-                self.create_timer(1.0 / rate, self._draw, clock=self.steady_clock)
-
-    def cleanup(self) -> None:
-        """Take the publishers down; the next configure makes them for its robot."""
-        self.outputs.close()
+        rate = self.settings.number('marker_rate')
+        if rate and not self.clock.is_simulated:  # else in the tick
+            self.create_timer(1.0 / rate, self._draw, clock=self.steady_clock)
 
     # ---- inputs: what is stored here, the tick consumes
 
@@ -177,11 +265,8 @@ class PredictorNode(RobotNode):
 
     def _on_reference(self, raw: bytes, now: float) -> None:
         message = read_trajectory(raw, self.joints, self.bounds, partial=True)
-        take, stamp_ns = self.reference_input.accept, message.stamp_ns or None  # 0 starts now
-        measured = self._reader.position if self.joint_input.received else None
-        self.follower.offer(
-            message, now, self.stamp_ns_at(now), measured, lambda: take(stamp_ns, now)
-        )
+        there = self._reader.position if self.joint_input.received else None
+        self.offer(self.follower, message, self.reference_input, now, there)
 
     def _reference(self, t: float) -> tuple[Array, Array, Array]:
         """Reference of the joints at steady time `t`."""
@@ -215,8 +300,10 @@ class PredictorNode(RobotNode):
             self._now = self.loop.deadline
         else:
             self._now += steps * self.observer.settings.step
-        observer = self._swap()
-        if self.base.trouble(self._now):  # without the base's motion there is no estimate
+        observer = self.observer
+        if self.base.used and self.base.trouble(
+            self._now
+        ):  # without the base's motion there is no estimate
             self._queue.clear()
             self.sensors.queue.clear()
             observer.reset()
@@ -296,27 +383,23 @@ class PredictorNode(RobotNode):
         self.follower.clear()
         super().restart()
 
-    def _swap(self) -> Observer:
-        """Take over a changed model between two ticks."""
-        pending = self._pending
-        if pending is not None:
-            self._pending = None
-            robot, observer, adaptation = pending
-            observer.adopt(self.observer)
-            adaptation.adopt(self.adaptation)
-            self.robot, self.observer, self.adaptation = robot, observer, adaptation
-            self._write_pose = robot.pose_of(self.tip)
-            self.sensors.update(robot.tree)
-        if self._reset_wanted:
-            self._reset_wanted = False
-            self.observer.reset()
-            self.adaptation.reset(values=True)
-        return self.observer
+    def _swap(self, robot: Robot, observer: Observer, adaptation: Adaptation) -> None:
+        """Go on with a changed model where the one before is."""
+        observer.adopt(self.observer)
+        adaptation.adopt(self.adaptation)
+        self.robot, self.observer, self.adaptation = robot, observer, adaptation
+        self._write_pose = robot.pose_of(self.tip)
+        self.sensors.update(robot.tree)
+
+    def _start_anew(self) -> None:
+        """Forget the estimate and the numbers found."""
+        self.observer.reset()
+        self.adaptation.reset(values=True)
 
     # ---- beside the loop
 
     def _search(self) -> None:
-        if self.state in ('active', 'inactive'):
+        if self.is_configured:
             self.sensors.search()
 
     def _draw(self) -> None:
@@ -328,12 +411,11 @@ class PredictorNode(RobotNode):
 
     def _reset(self) -> str:
         """Forget state, reference and stamps."""
-        if self.state in ('active', 'inactive'):
+        if self.is_configured:
             self.follower.clear()
             self._stamps.reset()
-            self._reset_wanted = True
-        for monitor in self.monitors:
-            monitor.reset()
+            self.between_ticks(self._start_anew)
+        self.forget_stamps()
         return 'reset: starts from the next joint state'
 
     def _tare(self) -> str:
@@ -347,39 +429,26 @@ class PredictorNode(RobotNode):
             )
         # what was fused so far had the offsets in it
         self.sensors.queue.clear()
-        self._reset_wanted = self.observer.fusion is not None
+        if self.observer.fusion is not None:
+            self.between_ticks(self._start_anew)
         return f'tared: {", ".join(names)}'
 
-    def _reload(self) -> str:
-        """Read the robot again; its coordinates must be the same."""
-        self.require_configured('to reload its model')
-        model = self.read_model(self.settings)
-        robot = self.changed_robot(self.settings, model)
-        self._replace(robot, self.settings)
-        self.bounds.update(limits_of(robot, self.joints))
-        self.adopt_model(model, self.settings)
-        return 'model reloaded'
+    def rebuilds(self, name: str) -> bool:
+        """Say whether a parameter changes the model, the observer or the tracked numbers."""
+        return super().rebuilds(name) or is_observers(name)
 
-    def settings_changed(self, settings: Settings, changes: dict[str, Value]) -> None:
-        """Take changes of the model and of the observer over between two ticks."""
-        if self.state not in ('active', 'inactive'):
-            return
-        if any(is_override(name) or is_observers(name) for name in changes):
-            self._replace(self.changed_robot(settings), settings)
-
-    def _replace(self, robot: Robot, settings: Settings) -> None:
+    def take_robot(self, robot: Robot, settings: Settings) -> None:
+        """Build observer and tracker anew; the coordinates must stay."""
         self.require_coordinates(robot)
-        observer = self._build(robot, settings)
+        observer, adaptation = self._build(robot, settings), self._adaptation(robot, settings)
         self._lines = CentreLines(robot.copy())
-        self._pending = robot, observer, self._adaptation(robot, settings)
+        self.bounds.update(limits_of(robot, self.joints))
+        self.between_ticks(self._swap, robot, observer, adaptation)
 
     # ---- diagnostics
 
-    def statuses(self) -> list[Status]:
-        """Return loop and observer."""
-        found = super().statuses()
-        if self.state not in ('active', 'inactive'):
-            return found
+    def work_statuses(self) -> list[Status]:
+        """State of observer, fusion and tracked numbers."""
         observer = self.observer
         status = Status('observer', message='estimating')
         status.values = {
@@ -397,7 +466,7 @@ class PredictorNode(RobotNode):
             status.worsen(WARN, 'stale joint_states: nothing is published')
         fused = None if observer.fusion is None else fusion_status(observer.fusion, self._now)
         beside = (fused, self.adaptation.status())
-        return [*found, status, *(each for each in beside if each is not None)]
+        return [status, *(each for each in beside if each is not None)]
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

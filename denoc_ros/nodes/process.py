@@ -21,12 +21,10 @@ from rclpy.signals import SignalHandlerOptions
 
 from denoc_ros.errors import DenocError
 from denoc_ros.nodes.base import DenocNode
-from denoc_ros.nodes.buffers import release_buffers
-from denoc_ros.nodes.graph import leave_graph
-from denoc_ros.nodes.sockets import use_sockets
-from denoc_ros.runtime.heap import return_large_pieces
-from denoc_ros.runtime.signals import SIGNALS, Interrupted
-from denoc_ros.runtime.watchdog import Watchdog
+from denoc_ros.nodes.guarded_node import leave_graph
+from denoc_ros.nodes.middleware import release_buffers, use_sockets
+from denoc_ros.runtime.ending import SIGNALS, Interrupted, Watchdog
+from denoc_ros.runtime.realtime import return_large_pieces
 
 # a callback may load and compile a robot; beyond that (s) the executor hangs
 PATIENCE = 60.0

@@ -21,13 +21,12 @@ from denoc_ros.bags.definitions import encode
 from denoc_ros.bags.metadata import Qos
 from denoc_ros.bags.writer import BagWriter
 from denoc_ros.errors import BagError
-from denoc_ros.nodes.base import LATCHED, DenocNode
-from denoc_ros.nodes.clock_input import TOPIC as CLOCK
-from denoc_ros.nodes.clock_input import ClockInput
+from denoc_ros.nodes.base import DenocNode
 from denoc_ros.nodes.inputs import arrived, subscribe_aside
+from denoc_ros.nodes.messages import LATCHED
 from denoc_ros.nodes.process import leave, run
-from denoc_ros.nodes.progress import TickProgress
-from denoc_ros.runtime.active_publishers import Gaps
+from denoc_ros.nodes.simulated_time import CLOCK_TOPIC, ClockInput, TickProgress
+from denoc_ros.runtime.input_monitor import Gaps
 from denoc_ros.runtime.realtime import make_process_timely
 from denoc_ros.runtime.recorder_parameters import TABLE
 from denoc_ros.runtime.status import ERROR, OK, WARN, Status
@@ -314,11 +313,11 @@ class Recorder(DenocNode):
             _, topic, raw, sent_ns = message
             if sent_ns > max(old_ns, known_ns) and not last:
                 self._held.append(message)
-            elif topic != CLOCK or raw != self._last_clock:
+            elif topic != CLOCK_TOPIC or raw != self._last_clock:
                 shown_ns = clock.time_of(sent_ns)
                 log_ns = self.stamp_ns() if shown_ns is None else shown_ns
                 found.append((log_ns, topic, raw, log_ns))
-                self._last_clock = raw if topic == CLOCK else self._last_clock
+                self._last_clock = raw if topic == CLOCK_TOPIC else self._last_clock
         return found
 
     def _tell_progress(self, until: float) -> None:

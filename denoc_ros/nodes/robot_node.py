@@ -1,25 +1,38 @@
-"""A node with a robot's model and a real-time loop."""
+"""Nodes with a robot's model, and with a real-time loop."""
 
 from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
+import numpy as np
 from rclpy.qos import QoSProfile, ReliabilityPolicy
+from std_msgs.msg import String
 
-from denoc_ros.nodes.guarding import Guard
+from denoc_ros.dynamics.measured_side import measured_robot
+from denoc_ros.dynamics.robot import Robot, load_robot
+from denoc_ros.errors import ConfigError, ModelError
+from denoc_ros.model.numbers import FAMILIES
+from denoc_ros.model.overrides import with_held_base
+from denoc_ros.nodes.base import DenocNode
+from denoc_ros.nodes.guarded_node import Guard
 from denoc_ros.nodes.inputs import Handler, Input, never_heavy
-from denoc_ros.nodes.model_node import ModelNode
-from denoc_ros.nodes.progress import TickProgress
+from denoc_ros.nodes.messages import LATCHED
+from denoc_ros.nodes.simulated_time import TickProgress
 from denoc_ros.runtime.conversions import LONGEST
-from denoc_ros.runtime.input_monitor import InputMonitor
-from denoc_ros.runtime.load import SharedCores
-from denoc_ros.runtime.parameters import ParameterTable
+from denoc_ros.runtime.input_monitor import InputError, InputMonitor
+from denoc_ros.runtime.live_model import LiveModel, check_description
+from denoc_ros.runtime.parameters import ParameterTable, Settings
 from denoc_ros.runtime.realtime import lock_memory
+from denoc_ros.runtime.reference import ReferenceFollower
 from denoc_ros.runtime.status import ERROR, Status, loop_status, realtime_status
-from denoc_ros.runtime.timing import RealtimeLoop
+from denoc_ros.runtime.timing import RealtimeLoop, SharedCores
+from denoc_ros.runtime.trajectory_messages import TrajectoryMessage
+from denoc_ros.settings import Value
+from denoc_ros.types import Array
 
 # what a flood at 10 kHz brings between two ticks at 1 kHz, and some more
 WITHIN_A_TICK = 16  # messages
@@ -32,25 +45,254 @@ CORES_PERIOD = 0.5  # s between looks at how full the cores are
 ASIDE_PERIOD = 0.02  # s between looks at what the loop does not take
 
 
+class ModelNode(DenocNode):
+    """Loads the robot on configure, from a file or from the topic robot_description.
+
+    A node overrides `prepare`, which builds all that it makes of the robot, and `connect`.
+
+    Attributes
+    ----------
+    robot : Robot
+        The node's own, with the overrides of the parameters.
+    model : LiveModel or None
+        What the robot is made from; None until the node is configured.
+    floating : LiveModel or None
+        The robot with its floating base, where the node's own has it held.
+    description : str
+        What robot_description last said.
+    sees_joint_states : bool
+        Whether the robot is the one that joint states describe: without the springs behind which
+        joints are measured.
+    """
+
+    robot: Robot
+    sees_joint_states = False
+
+    def __init__(self, name: str, table: ParameterTable, **options: Any) -> None:
+        super().__init__(name, table, **options)
+        self.model: LiveModel | None = None
+        self.floating: LiveModel | None = None
+        self.description = ''
+        self._connected = False
+        self.add_post_set_parameters_callback(self._after_parameters)
+        if not self.settings.text('urdf_path'):
+            self.ready = False
+            self._description_input = InputMonitor('robot_description')
+            self.monitors.append(self._description_input)
+            self.create_subscription(
+                String, 'robot_description', self._on_description, LATCHED, raw=False
+            )
+
+    def _on_description(self, message: String) -> None:
+        monitor = self._description_input
+        try:
+            check_description(monitor.topic, message.data)
+        except InputError as error:
+            self.refuse(monitor, error)
+            return
+        monitor.accept(None, self.clock.now())
+        self.description = message.data
+        self.ready = True
+
+    def prepare(self) -> None:
+        """Build from `self.robot` all that the node uses."""
+
+    def connect(self) -> None:
+        """Subscribe and set timers, after the first `prepare` only: they stay."""
+
+    def read_model(self, settings: Settings) -> LiveModel:
+        """Return the robot of the file or topic, to be changed by overrides.
+
+        Raises
+        ------
+        ModelError
+            The description does not give a model; every finding.
+        ConfigError
+            There is none, or gravity has not three elements.
+        """
+        source = settings.text('urdf_path') or self.description
+        gravity = settings.numbers('gravity')
+        name = self.get_fully_qualified_name()
+        if not source:
+            raise self.config_error(
+                "parameter 'urdf_path' or the topic robot_description must give the robot"
+            )
+        if len(gravity) != 3:
+            raise self.config_error(f"parameter 'gravity' must have 3 elements, got {gravity}")
+        options: dict[str, Any] = {
+            'gravity': tuple(gravity),
+            'geometric_stiffness': settings.flag('geometric_stiffness'),
+        }
+        robot = self.described(load_robot(source, **options), settings)
+        if len(robot.base_indices) and self.holds_base:
+            self.floating = LiveModel(self._seen(robot), name)
+            robot = load_robot(with_held_base(robot.tree.source), **options)
+        return LiveModel(self._seen(robot), name)
+
+    def described(self, robot: Robot, settings: Settings) -> Robot:
+        """Return the robot as the node describes its beams: here as it was loaded."""
+        del settings
+        return robot
+
+    def _seen(self, robot: Robot) -> Robot:
+        return measured_robot(robot) if self.sees_joint_states else robot
+
+    @property
+    def holds_base(self) -> bool:
+        """Whether a floating base counts as one whose motion is known."""
+        return False
+
+    def adopt_model(self, model: LiveModel, settings: Settings) -> None:
+        """Adopt a model for the overrides to change, and list them."""
+        self.model = model
+        overrides = model.plain(settings.family(*FAMILIES))
+        self.settings = settings.without(*FAMILIES).replace(overrides)
+        self.show(model.values(overrides))
+
+    def changed_robot(self, settings: Settings, model: LiveModel | None = None) -> Robot:
+        """Return a robot of its own with the overrides of `settings`, by default of `self.model`.
+
+        Raises
+        ------
+        ConfigError, ModelError
+            A path that names nothing, or a value that makes no model.
+        """
+        model = self.model if model is None else model
+        assert model is not None
+        return model.robot(settings.family(*FAMILIES))
+
+    def posture(self, robot: Robot, settings: Settings) -> Array:
+        """Return the coordinates (n,) near which the robot's loops are closed.
+
+        Raises
+        ------
+        ConfigError
+            The parameter has another number of elements than the robot has joints.
+        """
+        given = settings.numbers('posture')
+        count = len(robot.joint_names)
+        if given and len(given) != count:
+            raise self.config_error(
+                f"parameter 'posture' must have an element for each of the {count} joints "
+                f'{list(robot.joint_names)}, got {len(given)}'
+            )
+        q = np.zeros(robot.n)
+        q[robot.joint_indices] = given or 0.0
+        return q
+
+    def driven_joints(self, settings: Settings) -> list[str]:
+        """Return the joints that the node works on: those given, else all that are not mimics.
+
+        Raises
+        ------
+        ConfigError
+            A given one is not the robot's, repeated or a mimic joint; none is given for a robot
+            with loops.
+        """
+        given, tree = settings.texts('joints'), self.robot.tree
+        if tree.loops and not given:
+            rule = "parameter 'joints' must name the driven joints of a robot with loops"
+            names = list(self.robot.joint_names)
+            raise self.config_error(f'{rule}, some of {names}, got none')
+        free = list(tree.non_mimic_joints)
+        if not set(given) <= set(free) or len(set(given)) != len(given):
+            raise self.config_error(
+                f"parameter 'joints' must name different joints of {free}, got {given}"
+            )
+        return given or free
+
+    def require_configured(self, why: str) -> None:
+        """Refuse a request that needs a robot while there is none.
+
+        Raises
+        ------
+        ConfigError
+            The node is not configured.
+        """
+        if not self.is_configured:
+            raise ConfigError(self.get_name(), [f'the node must be configured {why}'])
+
+    def require_coordinates(self, robot: Robot) -> None:
+        """Refuse a changed robot that has other coordinates.
+
+        Raises
+        ------
+        ConfigError
+            With the coordinates it has.
+        """
+        if tuple(robot.coordinate_names) != tuple(self.robot.coordinate_names):
+            got = list(robot.coordinate_names)
+            raise self.config_error(f'the robot must keep its coordinates, got {got}')
+
+    def require_joints(self, robot: Robot) -> None:
+        """Refuse a changed robot that has other joints.
+
+        Raises
+        ------
+        ConfigError
+            With the joints it has.
+        """
+        if tuple(robot.joint_names) != tuple(self.robot.joint_names):
+            rule = f'joints must stay {list(self.robot.joint_names)} on reload'
+            got = f'(clean up and configure instead), got {list(robot.joint_names)}'
+            raise ConfigError(self.get_name(), [f'{rule} {got}'])
+
+    def plain(self, changes: dict[str, Value]) -> dict[str, Value]:
+        """Return changes with overrides under their own paths."""
+        return changes if self.model is None else self.model.plain(changes)
+
+    def _after_parameters(self, parameters: Sequence[Any]) -> None:
+        """Report the effects of a changed override: its other name, and dependent parameters."""
+        changed = any(is_override(parameter.name) for parameter in parameters)
+        if changed and self.model is not None and not self._showing:
+            self.show(self.model.values(self.settings.family(*FAMILIES)))
+
+    def configure(self) -> None:
+        """Load the robot, then build the node's objects."""
+        try:
+            model = self.read_model(self.settings)
+        except ModelError:  # a topic may say another one
+            self.ready = bool(self.settings.text('urdf_path'))
+            raise
+        self.robot = self.changed_robot(self.settings, model)
+        self.adopt_model(model, self.settings)
+        for warning in self.robot.tree.warnings:
+            self.get_logger().warning(warning)
+        self.prepare()
+        if not self._connected:
+            self._connected = True
+            self.connect()
+
+
+def is_override(name: str) -> bool:
+    """Say whether a parameter changes the model."""
+    return name.split('.')[0] in FAMILIES and '.' in name
+
+
 class RobotNode(ModelNode):
     """Loads the robot on configure and runs `tick` in a thread of its own while active.
 
     The loop takes its inputs itself, at the beginning of a tick: a callback in another thread
     would hold the interpreter just when the loop is due.
 
-    A node overrides `prepare` (build and run once everything that `tick` uses), `tick` and, where
-    it has more to say, `statuses`.
+    A node overrides `prepare` (build and run once everything that `tick` uses), `connect`, `tick`,
+    `take_robot` and, where it has more to say, `work_statuses`.
 
     Attributes
     ----------
+    joints : list of str
+        That it works on.
     loop : RealtimeLoop or None
         The loop while active.
     """
+
+    joints: list[str]
 
     def __init__(self, name: str, table: ParameterTable, **options: Any) -> None:
         super().__init__(name, table, **options)
         self.loop: RealtimeLoop | None = None
         self._inputs: list[Input] = []
+        self._changes: dict[Callable[..., None], tuple[Any, ...]] = {}
         self._tick_guard = Guard(self.to_log.append)
         self._failing_since = math.inf
         self._overdue = 0
@@ -113,12 +355,81 @@ class RobotNode(ModelNode):
             self._take_inputs()
             if self.progress is not None:
                 self._await_inputs()
+            if self._changes:
+                self._make_changes()
             self.tick(steps)
             self._failing_since = math.inf
         except Exception as error:
             self._on_failure(error, self.clock.now())
         if self.progress is not None:
             self._tell_progress()
+
+    def offer(
+        self,
+        follower: ReferenceFollower,
+        message: TrajectoryMessage,
+        monitor: InputMonitor,
+        now: float,
+        there: Array | None,
+    ) -> None:
+        """Have a follower take a reference that came at a time, or refuse it by InputError.
+
+        `there` (n,) is where the joints are, None where nobody knows.
+        """
+        stamp_ns = message.stamp_ns or None  # 0 starts now, whatever was sent before
+        accept = partial(monitor.accept, stamp_ns, now)
+        follower.offer(message, now, self.stamp_ns_at(now), there, accept)
+
+    def per_joint(self, name: str, settings: Settings) -> Array:
+        """Return a parameter of each driven joint (n,), given as one value or one per joint.
+
+        Raises
+        ------
+        ConfigError
+            It has another number of elements.
+        """
+        values, count = settings.numbers(name), len(self.joints)
+        if len(values) not in (1, count):
+            rule = f"parameter '{name}' must have 1 or {count} elements"
+            raise self.config_error(f'{rule}, got {len(values)}')
+        found: Array = np.broadcast_to(np.array(values), count).copy()
+        return found
+
+    # ---- changes while the loop runs
+
+    def between_ticks(self, change: Callable[..., None], *arguments: Any) -> None:
+        """Have a change made between two ticks; at once where no loop runs.
+
+        Of several calls with the same change that wait, the last one's arguments count.
+        """
+        self._changes[change] = arguments
+        if not self._loop_runs:
+            self._make_changes()
+
+    def _make_changes(self) -> None:
+        for change in list(self._changes):
+            change(*self._changes.pop(change))
+
+    def rebuilds(self, name: str) -> bool:
+        """Say whether a live parameter takes a changed robot."""
+        return is_override(name)
+
+    def take_robot(self, robot: Robot, settings: Settings) -> None:
+        """Go on with a changed robot from the next tick on, or refuse it by DenocError."""
+
+    def settings_changed(self, settings: Settings, changes: dict[str, Value]) -> None:
+        """Take a changed robot, built beside the loop."""
+        if self.is_configured and any(map(self.rebuilds, changes)):
+            self.take_robot(self.changed_robot(settings), settings)
+
+    def reload(self) -> str:
+        """Read the robot again, as `~/reload_model` asks for."""
+        self.require_configured('to reload its model')
+        model = self.read_model(self.settings)
+        robot = self.changed_robot(self.settings, model)
+        self.take_robot(robot, self.settings)
+        self.adopt_model(model, self.settings)
+        return f'reloaded {robot.tree.name}'
 
     # ---- simulated time
 
@@ -255,6 +566,14 @@ class RobotNode(ModelNode):
         return 1.0 / self.settings.number('update_rate')
 
     def statuses(self) -> list[Status]:
+        """State of the loop, its real-time options, and the node's work."""
+        return [*self._loop_statuses(), *(self.work_statuses() if self.is_configured else [])]
+
+    def work_statuses(self) -> list[Status]:
+        """State of the work of a configured node."""
+        return []
+
+    def _loop_statuses(self) -> list[Status]:
         """State of the loop and its real-time options; a failed loop fails the node."""
         loop = self.loop
         if loop is None:

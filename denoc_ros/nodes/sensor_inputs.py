@@ -1,37 +1,50 @@
-"""Strain gauges and load cells as topics: found by name, read by the type they have."""
+"""The robot's sensors and the motion of its base as inputs of a node's loop."""
 
 from __future__ import annotations
 
 import math
 from collections import deque
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-from geometry_msgs.msg import WrenchStamped
-from sensor_msgs.msg import JointState
+from geometry_msgs.msg import AccelStamped, WrenchStamped
+from nav_msgs.msg import Odometry
+from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import Float64, Float64MultiArray
 
 from denoc_ros.bags.joint_state import JointStateLayout
+from denoc_ros.dynamics.base_motion import BaseMotion
+from denoc_ros.estimation.base_track import BaseTrack
 from denoc_ros.estimation.clock import StampClock
 from denoc_ros.model.sensors import WRENCH_FIELDS, wrench_field
-from denoc_ros.model.tree import Sensor, Tree
-from denoc_ros.nodes.inertial_inputs import InertialInputs
+from denoc_ros.model.tree import InertialSensor, Sensor, Tree
 from denoc_ros.nodes.robot_node import RobotNode
-from denoc_ros.runtime.conversions import MessageReader
-from denoc_ros.runtime.input_error import InputError
-from denoc_ros.runtime.input_monitor import InputMonitor
+from denoc_ros.runtime.conversions import (
+    BaseLimits,
+    MessageReader,
+    imu_mounting,
+    read_accel,
+    read_imu,
+    read_odometry,
+)
+from denoc_ros.runtime.input_monitor import InputError, InputMonitor
+from denoc_ros.runtime.shared_parameters import BASE_LIMITS
 from denoc_ros.types import Array
 
 SEARCH_PERIOD = 0.5  # s between looks for topics that have appeared
 QUEUE = 1024  # values kept for a late tick
+Reading = tuple[int, tuple[float, ...]]  # stamp [ns], raw values
+Reader = Callable[[bytes, Any, str], Reading]
 
 
-def read_float(raw: bytes, _sensor: Sensor, _wrench_field: str) -> tuple[int, float]:
+def read_float(raw: bytes, _sensor: Sensor, _wrench_field: str) -> Reading:
     """Return stamp [ns], 0 as it has none, and raw value of a Float64."""
-    return 0, MessageReader(raw).float64()
+    return 0, (MessageReader(raw).float64(),)
 
 
-def read_array(raw: bytes, sensor: Sensor, _wrench_field: str) -> tuple[int, float]:
+def read_array(raw: bytes, sensor: Sensor, _wrench_field: str) -> Reading:
     """Return stamp [ns], 0 as it has none, and the sensor's element of a Float64MultiArray."""
     reader = MessageReader(raw)
     labels = []
@@ -51,10 +64,10 @@ def read_array(raw: bytes, sensor: Sensor, _wrench_field: str) -> tuple[int, flo
         raise InputError('missing_field', f'layout must label an element {field!r}, got {names}')
     if place >= len(values):
         raise InputError('wrong_length', f'data must have element {place}, got {len(values)}')
-    return 0, float(values[place])
+    return 0, (float(values[place]),)
 
 
-def read_joint_state(raw: bytes, sensor: Sensor, _wrench_field: str) -> tuple[int, float]:
+def read_joint_state(raw: bytes, sensor: Sensor, _wrench_field: str) -> Reading:
     """Return stamp [ns] and the position, effort where it has none, under the sensor's name."""
     layout = JointStateLayout.of(MessageReader(raw))
     names = list(layout.names)
@@ -68,26 +81,70 @@ def read_joint_state(raw: bytes, sensor: Sensor, _wrench_field: str) -> tuple[in
     values = position if has_position or not len(effort) else effort
     if place >= len(values):
         raise InputError('wrong_length', f'position must have {len(names)} elements')
-    return layout.stamp_ns(raw), float(values[place])
+    return layout.stamp_ns(raw), (float(values[place]),)
 
 
-def read_wrench(raw: bytes, _sensor: Sensor, wrench_field: str) -> tuple[int, float]:
+def read_wrench(raw: bytes, _sensor: Sensor, wrench_field: str) -> Reading:
     """Return stamp [ns] and the component that the load cell measures of a WrenchStamped."""
     reader = MessageReader(raw)
     stamp_ns = reader.stamp_ns()
     reader.string()
     values = [reader.float64() for _ in WRENCH_FIELDS]
-    return stamp_ns, values[WRENCH_FIELDS.index(wrench_field)]
+    return stamp_ns, (values[WRENCH_FIELDS.index(wrench_field)],)
 
 
-Reader = Callable[[bytes, Sensor, str], tuple[int, float]]
-Member = tuple[int, Sensor, str]  # place, sensor, component of a wrench
+def read_imu_values(raw: bytes, _sensor: InertialSensor, _wrench_field: str) -> Reading:
+    """Return stamp [ns], angular rate and specific force of an Imu."""
+    stamp_ns, rate, force = read_imu(raw)
+    return stamp_ns, (*rate.tolist(), *force.tolist())
+
+
+def read_accelerometer(raw: bytes, _sensor: InertialSensor, _wrench_field: str) -> Reading:
+    """Return stamp [ns] and specific force of an AccelStamped."""
+    stamp_ns, acceleration = read_accel(raw)
+    return stamp_ns, tuple(acceleration[:3].tolist())
+
+
 READERS: dict[str, tuple[type, Reader]] = {
     'std_msgs/msg/Float64': (Float64, read_float),
     'std_msgs/msg/Float64MultiArray': (Float64MultiArray, read_array),
     'sensor_msgs/msg/JointState': (JointState, read_joint_state),
     'geometry_msgs/msg/WrenchStamped': (WrenchStamped, read_wrench),
 }
+# of inertial sensors, by what they are
+INERTIAL_READERS: dict[str, dict[str, tuple[type, Reader]]] = {
+    'imu': {'sensor_msgs/msg/Imu': (Imu, read_imu_values)},
+    'accelerometer': {'geometry_msgs/msg/AccelStamped': (AccelStamped, read_accelerometer)},
+}
+
+
+@dataclass(frozen=True)
+class Member:
+    """A sensor of a topic.
+
+    Attributes
+    ----------
+    sensor : Sensor or InertialSensor
+    first : int
+        Place of its first value among those that are fused: one of each sensor on beams, then
+        those of the inertial ones, in file order.
+    place : int
+        Of a sensor on a beam among those with a topic; -1: it is inertial.
+    wrench_field : str
+        Component of a wrench that it measures.
+    """
+
+    sensor: Sensor | InertialSensor
+    first: int
+    place: int = -1
+    wrench_field: str = ''
+
+    @property
+    def readers(self) -> dict[str, tuple[type, Reader]]:
+        """Message types that it may come as."""
+        if isinstance(self.sensor, InertialSensor):
+            return INERTIAL_READERS[self.sensor.type]
+        return READERS
 
 
 class SensorInputs:
@@ -101,16 +158,16 @@ class SensorInputs:
     Attributes
     ----------
     sensors : tuple of Sensor
-        Those with a topic, in file order.
+        Those on beams with a topic, in file order.
     places : (k,) array of int
-        Where they stand among all the robot's sensors.
+        Where they stand among all the robot's sensors on beams.
     values : (k,) array
-        Newest calibrated values, tare taken off; NaN where none came yet.
+        Their newest calibrated values, tare taken off; NaN where none came yet.
     fresh : bool
-        Whether a value has come since the reader last set this to False.
+        Whether one of these has come since the reader last set this to False.
     queue : deque of (place, time, value)
-        Values not read yet: the place among all the robot's sensors, when it was measured on the
-        steady clock [s], and the calibrated value.
+        Values not read yet, of inertial sensors as well: the place among those that are fused,
+        when it was measured on the steady clock [s], and the calibrated value.
     """
 
     def __init__(self, node: RobotNode) -> None:
@@ -120,9 +177,8 @@ class SensorInputs:
         self.values: Array = np.zeros(0)
         self.fresh = False
         self.queue: deque[tuple[int, float, float]] = deque(maxlen=QUEUE)
-        self._inertial = InertialInputs(node, self.queue)
         self._tare = np.zeros(0)
-        self._members: dict[str, list[Member]] = {}
+        self._members: dict[str, list[Member]] = {}  # by topic
         self._subscribed: set[str] = set()
         self._refused: set[str] = set()
 
@@ -139,29 +195,35 @@ class SensorInputs:
             self.fresh = False
             self.queue.clear()
             self.values, self._tare = np.full(len(chosen), np.nan), np.zeros(len(chosen))
-        members: dict[str, list[Member]] = {}
-        for place, sensor in enumerate(self.sensors):
-            topic = self._node.resolve_topic_name(sensor.topic)
-            members.setdefault(topic, []).append((place, sensor, wrench_field(sensor, tree)))
-        self._members = members
-        self._inertial.update(tree)
+        found = [
+            Member(sensor, tree_place, place, wrench_field(sensor, tree))
+            for place, (tree_place, sensor) in enumerate(zip(chosen, self.sensors, strict=True))
+        ]
+        first = len(tree.sensors)
+        for sensor in tree.inertial_sensors:
+            if sensor.topic:
+                found.append(Member(sensor, first))
+            first += len(sensor.parts)
+        self._members = {}
+        for member in found:
+            topic = self._node.resolve_topic_name(member.sensor.topic)
+            self._members.setdefault(topic, []).append(member)
 
     def search(self) -> None:
         """Subscribe to the topics that have appeared since the last call."""
-        self._inertial.search()
         if self._subscribed.issuperset(self._members):
             return
         for topic, types in self._node.get_topic_names_and_types():
             if topic not in self._members or topic in self._subscribed:
                 continue
-            known = [name for name in types if name in READERS]
+            readers = self._members[topic][0].readers
+            known = [name for name in types if name in readers]
             if known:
                 self._subscribe(topic, known[0])
             elif topic not in self._refused:
                 self._refused.add(topic)
-                self._node.get_logger().error(
-                    f'sensor topic {topic}: type must be one of {", ".join(READERS)}, got {types}'
-                )
+                rule = f'type must be {"one of " * (len(readers) > 1)}{", ".join(readers)}'
+                self._node.get_logger().error(f'sensor topic {topic}: {rule}, got {types}')
 
     def tare(self, predicted: Array) -> list[str]:
         """Remove the sensors' offsets from `predicted` (k,); return the sensors' names."""
@@ -173,33 +235,154 @@ class SensorInputs:
 
     def _subscribe(self, topic: str, type_name: str) -> None:
         self._subscribed.add(topic)
-        message_type, reader = READERS[type_name]
-        watch: list[InputMonitor] = []
+        message_type, _ = self._members[topic][0].readers[type_name]
         clock = StampClock()
 
         def handle(raw: bytes, now: float) -> None:
-            self._take(raw, now, reader, self._members.get(topic, []), watch[0], clock)
+            known = self._members.get(topic, [])  # of a changed model it may be another sensor's
+            members = [each for each in known if type_name in each.readers]
+            self._take(raw, now, type_name, members, monitor, clock)
 
-        watch.append(self._node.listen_in_loop(message_type, topic, handle))
+        monitor = self._node.listen_in_loop(message_type, topic, handle)
 
     def _take(
         self,
         raw: bytes,
         now: float,
-        reader: Reader,
+        type_name: str,
         members: Sequence[Member],
         monitor: InputMonitor,
         clock: StampClock,
     ) -> None:
-        read = [reader(raw, sensor, field) for _, sensor, field in members]
-        for (_, sensor, _), (_, value) in zip(members, read, strict=True):
-            if not math.isfinite(value):
-                raise InputError('non_finite', f'{sensor.name} must be finite, got {value}')
+        read = [
+            each.readers[type_name][1](raw, each.sensor, each.wrench_field) for each in members
+        ]
+        for member, (_, values) in zip(members, read, strict=True):
+            if not all(map(math.isfinite, values)):
+                name = member.sensor.name
+                raise InputError('non_finite', f'{name} must be finite, got {values[0]}')
         stamp_ns = read[0][0] if read else 0
         monitor.accept(stamp_ns, now)
         taken = clock.taken_at(1e-9 * stamp_ns, now, 1e-9 * self._node.stamp_ns_at(now))
-        for (place, sensor, _), (_, raw_value) in zip(members, read, strict=True):
-            value = sensor.gain * raw_value + sensor.offset - self._tare[place]
-            self.values[place] = value
-            self.queue.append((int(self.places[place]), taken, value))
-        self.fresh = True
+        for member, (_, values) in zip(members, read, strict=True):
+            if isinstance(member.sensor, Sensor):
+                values = (self._calibrated(member.sensor, member.place, values[0]),)
+            for place, value in enumerate(values, member.first):
+                self.queue.append((place, taken, value))
+
+    def _calibrated(self, sensor: Sensor, place: int, raw: float) -> float:
+        """Return the value of a sensor on a beam; keep it as its newest."""
+        value = sensor.gain * raw + sensor.offset - float(self._tare[place])
+        self.values[place], self.fresh = value, True
+        return value
+
+
+class BaseInput:
+    """The base's motion as messages say it.
+
+    Parameters
+    ----------
+    node : RobotNode
+        Its parameters `base_motion`, `base_motion_timeout` and `base_motion_cutoff` say how; it
+        subscribes.
+
+    Attributes
+    ----------
+    used : bool
+        Whether the node listens to the base's motion.
+    """
+
+    def __init__(self, node: RobotNode) -> None:
+        self._node = node
+        self.source = node.settings.text('base_motion')
+        self.used = self.source != 'off'
+        self._timeout = node.settings.number('base_motion_timeout')
+        self._clock = StampClock()
+        self._monitor: InputMonitor | None = None
+        self._beside: InputMonitor | None = None
+        rate, acceleration, angular = (
+            node.settings.number(f'base_{what}_limit') for what, *_ in BASE_LIMITS
+        )
+        self._limits = BaseLimits(rate, acceleration, angular, self._timeout)
+        self.track = BaseTrack(1.0, 1.0, np.zeros(3))
+
+    def build(self, gravity: Array) -> None:
+        """Begin anew for a robot with its gravity (3,).
+
+        Raises
+        ------
+        ConfigError
+            The IMU's pose is not of three and three numbers, or there is no IMU.
+        """
+        settings, node = self._node.settings, self._node.get_fully_qualified_name()
+        cutoff = settings.number('base_motion_cutoff')
+        xyz, rpy = (settings.numbers(f'base_imu_{part}') for part in ('xyz', 'rpy'))
+        mounting = imu_mounting(node, self.source, xyz, rpy)
+        self.track = BaseTrack(cutoff, self._timeout, gravity, mounting)
+
+    def connect(self) -> None:
+        """Subscribe to the topic that the parameter names."""
+        listen = self._node.listen_in_loop
+        if self.source in ('odometry', 'odometry_accel'):
+            self._monitor = listen(Odometry, 'base_motion', self._on_odometry)
+        elif self.source == 'imu':
+            self._monitor = listen(Imu, 'base_motion', self._on_imu)
+        elif self.source == 'accel':
+            self._monitor = listen(AccelStamped, 'base_motion', self._on_accel)
+        if self.source == 'odometry_accel':
+            self._beside = listen(AccelStamped, 'base_acceleration', self._on_accel)
+
+    def begin(self) -> None:
+        """Forget all messages before the loop starts."""
+        self.track.reset()
+        self._limits.forget()
+        self._clock.reset()
+
+    def trouble(self, now: float) -> str:
+        """Return why the base's motion is not known, '' if it is or is not listened to."""
+        if not self.used:
+            return ''
+        for monitor, stale, missing in (
+            (self._monitor, 'stale base_motion', 'no base_motion yet'),
+            (self._beside, 'stale base_acceleration', 'no base_acceleration yet'),
+        ):
+            if monitor is not None and not monitor.age(now) <= self._timeout:
+                return stale if monitor.received else missing
+        return 'no base_motion yet' if self.track.at(now) is None else ''
+
+    def at(self, time: float) -> BaseMotion | None:
+        """Return the motion at a time of the steady clock [s]; None: at rest, for all we know."""
+        return self.track.at(time) if self.used else None
+
+    def _taken(self, monitor: InputMonitor | None, stamp_ns: int, now: float) -> float:
+        """Admit a message; return when it was measured on the steady clock."""
+        assert monitor is not None
+        monitor.accept(stamp_ns, now)
+        taken = self._clock.taken_at(1e-9 * stamp_ns, now, 1e-9 * self._node.stamp_ns_at(now))
+        return taken if math.isfinite(taken) else now
+
+    def _on_odometry(self, raw: bytes, now: float) -> None:
+        stamp_ns, pose, twist = read_odometry(raw)
+        measured = _measured(stamp_ns, now)
+        self._limits.require(measured, twist)
+        self.track.take_odometry(self._taken(self._monitor, stamp_ns, now), pose, twist)
+        self._limits.took(measured, twist)
+
+    def _on_accel(self, raw: bytes, now: float) -> None:
+        stamp_ns, acceleration = read_accel(raw)
+        self._limits.require(now, None, acceleration)
+        alone = self._beside is None
+        monitor = self._monitor if alone else self._beside
+        self.track.take_acceleration(self._taken(monitor, stamp_ns, now), acceleration, alone)
+
+    def _on_imu(self, raw: bytes, now: float) -> None:
+        stamp_ns, rate, force = read_imu(raw)
+        measured, twist = _measured(stamp_ns, now), np.concatenate((np.zeros(3), rate))
+        self._limits.require(measured, twist, force)
+        self.track.take_imu(self._taken(self._monitor, stamp_ns, now), rate, force)
+        self._limits.took(measured, twist)
+
+
+def _measured(stamp_ns: int, now: float) -> float:
+    """Return when a reading was taken [s], for differences."""
+    return 1e-9 * stamp_ns if stamp_ns else now

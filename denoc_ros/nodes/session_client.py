@@ -9,7 +9,6 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 import rclpy
-from builtin_interfaces.msg import Duration, Time
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.srv import SetParameters
 from rclpy.experimental import EventsExecutor
@@ -22,12 +21,10 @@ from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from denoc_ros.errors import DenocError
-from denoc_ros.nodes.base import COMMAND, LATCHED
-from denoc_ros.nodes.clock_input import time_ns
-from denoc_ros.nodes.graph import leave_graph
+from denoc_ros.nodes.guarded_node import WithoutEvents, leave_graph
 from denoc_ros.nodes.inputs import arrived
-from denoc_ros.nodes.messages import exact_bytes
-from denoc_ros.nodes.without_events import WithoutEvents
+from denoc_ros.nodes.messages import COMMAND, LATCHED, duration_message, exact_bytes, time_message
+from denoc_ros.nodes.simulated_time import time_ns
 from denoc_ros.runtime.status import ERROR, OK
 from denoc_ros.trajectories import Trajectory
 
@@ -322,14 +319,3 @@ def reference_message(trajectory: Trajectory, joints: list[str], start_ns: int) 
         for k in range(len(times))
     ]
     return message
-
-
-def time_message(stamp_ns: int) -> Time:
-    """Return a stamp [ns] as a message."""
-    return Time(sec=stamp_ns // 1_000_000_000, nanosec=stamp_ns % 1_000_000_000)
-
-
-def duration_message(seconds: float) -> Duration:
-    """Return a time [s] as a message."""
-    nanoseconds = round(seconds * 1e9)
-    return Duration(sec=nanoseconds // 1_000_000_000, nanosec=nanoseconds % 1_000_000_000)

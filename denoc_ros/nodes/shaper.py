@@ -20,14 +20,19 @@ from denoc_ros.control.mode_table import ModeTable
 from denoc_ros.control.ringing import RingingModes, ringing_modes, ringing_robot
 from denoc_ros.control.servo import joint_servo
 from denoc_ros.dynamics.feedforward import TorqueFeedforward
-from denoc_ros.errors import ConfigError, DenocError
-from denoc_ros.nodes.messages import TrajectoryPointMessage, exact_bytes
-from denoc_ros.nodes.model_node import driven_joints, is_override
-from denoc_ros.nodes.motion_messages import planned_message, unshaped_message
+from denoc_ros.dynamics.robot import Robot
+from denoc_ros.errors import DenocError
+from denoc_ros.nodes.messages import (
+    TrajectoryPointMessage,
+    exact_bytes,
+    planned_message,
+    unshaped_message,
+)
 from denoc_ros.nodes.process import leave, run
 from denoc_ros.nodes.robot_node import RobotNode
+from denoc_ros.runtime.clocks import StampOf
 from denoc_ros.runtime.conversions import JointStateReader
-from denoc_ros.runtime.input_error import InputError
+from denoc_ros.runtime.input_monitor import InputError
 from denoc_ros.runtime.motion_bounds import motion_bounds
 from denoc_ros.runtime.motion_planning import (
     MotionPlanning,
@@ -38,18 +43,18 @@ from denoc_ros.runtime.motion_planning import (
     servo_columns,
     shape_job,
 )
-from denoc_ros.runtime.motion_samples import RequestedMotion
-from denoc_ros.runtime.parameters import Settings, Value
+from denoc_ros.runtime.parameters import Settings
 from denoc_ros.runtime.planner import Answer
 from denoc_ros.runtime.shaped_stream import ShapedStream
 from denoc_ros.runtime.shaper_parameters import OF_STREAMS, TABLE
-from denoc_ros.runtime.stamps import StampOf
 from denoc_ros.runtime.status import ERROR, WARN, Status
 from denoc_ros.runtime.trajectory_messages import (
+    RequestedMotion,
     TrajectoryMessage,
     has_many_points,
     read_trajectory,
 )
+from denoc_ros.settings import Value
 from denoc_ros.trajectories import SplineTrajectory
 from denoc_ros.types import Array
 
@@ -101,12 +106,10 @@ class ShaperNode(RobotNode):
         super().__init__('shaper', TABLE, **options)
         self.planning = MotionPlanning(self.to_log.append, self._take_answer)
         self._lock = threading.Lock()
-        self._connected = False
-        self._reference: Any = None
         self._table: ModeTable | None = None
         self.add_trigger_service('~/stop', self._stop)
         self.add_trigger_service('~/reset', self._reset)
-        self.add_trigger_service('~/reload_model', self._reload)
+        self.add_trigger_service('~/reload_model', self.reload)
         self.create_timer(LOOK_PERIOD, self._look, clock=self.steady_clock)
         if not self.clock.is_simulated:  # else in the tick
             self.create_timer(RETUNE_PERIOD, self._retune, clock=self.steady_clock)
@@ -122,8 +125,7 @@ class ShaperNode(RobotNode):
     def prepare(self) -> None:
         """Build the shaper of streams and start the planner; run each once."""
         settings, robot = self.settings, self.robot
-        name = self.get_fully_qualified_name()
-        self.joints = driven_joints(robot, settings.texts('joints'), name)
+        self.joints = self.driven_joints(settings)
         self._table = mode_table(settings)
         self._check(settings)
         n = len(self.joints)
@@ -139,18 +141,17 @@ class ShaperNode(RobotNode):
         self._modes_robot = ringing_robot(robot, settings.text('base'))
         self._point = TrajectoryPointMessage(self.joints)
         self._reference = self.create_publisher(JointTrajectory, 'reference', REFERENCE)
-        if not self._connected:
-            self._connected = True
-            self.input = self.listen_in_loop(
-                JointTrajectory, '~/input', self._on_input, has_many_points
-            )
-            self.joint_input = self.listen_in_loop(
-                JointState, 'joint_states', self._on_joint_state
-            )
         self._load(LOADING_PATIENCE)
         if self.planning.load_error:
             rule = f'the planner must load the robot, got: {self.planning.load_error}'
-            raise ConfigError(name, [rule])
+            raise self.config_error(rule)
+
+    def connect(self) -> None:
+        """Subscribe."""
+        self.input = self.listen_in_loop(
+            JointTrajectory, '~/input', self._on_input, has_many_points
+        )
+        self.joint_input = self.listen_in_loop(JointState, 'joint_states', self._on_joint_state)
 
     def _load(self, patience: float = 0.0) -> None:
         robot = robot_job(self.settings, self.description)
@@ -163,7 +164,7 @@ class ShaperNode(RobotNode):
         try:
             check_planning(self.robot, self.joints, settings, self._table)
         except DenocError as error:
-            raise ConfigError(self.get_fully_qualified_name(), [str(error)]) from error
+            raise self.config_error(str(error)) from error
 
     def _modes(self, driven: Array, settings: Settings) -> RingingModes:
         robot = self._modes_robot
@@ -266,13 +267,7 @@ class ShaperNode(RobotNode):
             self.stream.begin(method, modes, start, servo)
             self._carried = self._stopped_at = None
             self._said['streams'] += 1
-        self.stream.follower.offer(
-            message,
-            now,
-            self.stamp_ns_at(now),
-            self.stream.last,
-            lambda: self.input.accept(message.stamp_ns or None, now),
-        )
+        self.offer(self.stream.follower, message, self.input, now, self.stream.last)
 
     def _drop(self) -> None:
         """Forget planned and streamed motions; published ones go on."""
@@ -419,7 +414,7 @@ class ShaperNode(RobotNode):
 
     def _look(self) -> None:
         """Hand motions to the planner, take plans from it, start it anew where it died."""
-        if self.state in ('active', 'inactive'):
+        if self.is_configured:
             with self._lock:
                 self.planning.look(self.settings, robot_job(self.settings, self.description))
 
@@ -483,7 +478,7 @@ class ShaperNode(RobotNode):
 
     def _stop(self) -> str:
         """Drop planned motions; bring moving joints to rest along their path."""
-        if self.state not in ('active', 'inactive'):
+        if not self.is_configured:
             return 'stopped: at rest'
         now = self.clock.now()
         with self._lock:
@@ -499,36 +494,38 @@ class ShaperNode(RobotNode):
         with self._lock:
             if not self.stream.active and self._left(self.clock.now()) == 0.0:
                 self._forget()
-        for monitor in self.monitors:
-            monitor.reset()
+        self.forget_stamps()
         return 'reset: waiting for a motion'
 
-    def _reload(self) -> str:
-        """Read the robot again; its joints must be the same."""
+    def reload(self) -> str:
+        """Read robot and table of modes again, and have the planner load them."""
         self.require_configured('to reload its model')
-        model = self.read_model(self.settings)
-        robot = self.changed_robot(self.settings, model)
-        self.require_joints(robot)
-        table = mode_table(self.settings)
-        check_planning(robot, self.joints, self.settings, table)
-        self._table = table
-        self.robot = robot
-        self._modes_robot = ringing_robot(robot, self.settings.text('base'))
-        self.adopt_model(model, self.settings)
+        before, self._table = self._table, mode_table(self.settings)
+        try:
+            answer = super().reload()
+        except DenocError:
+            self._table = before
+            raise
         with self._lock:
             self._drop()
             self._load()
-        return f'reloaded {robot.tree.name}'
+        return answer
 
     def settings_changed(self, settings: Settings, changes: dict[str, Value]) -> None:
         """Take a changed model for the next motion and for the stream."""
-        if self.state not in ('active', 'inactive'):
-            return
-        self._check(settings)
-        if any(is_override(name) for name in changes):
-            self.robot = self.changed_robot(settings)
-        if 'base' in changes or any(is_override(name) for name in changes):
-            self._modes_robot = ringing_robot(self.robot, settings.text('base'))
+        if self.is_configured:
+            self._check(settings)
+        super().settings_changed(settings, changes)
+
+    def rebuilds(self, name: str) -> bool:
+        """Say whether a parameter changes the model or its modes."""
+        return name == 'base' or super().rebuilds(name)
+
+    def take_robot(self, robot: Robot, settings: Settings) -> None:
+        """Plan and shape with a robot of the same joints."""
+        self.require_joints(robot)
+        check_planning(robot, self.joints, settings, self._table)
+        self.robot, self._modes_robot = robot, ringing_robot(robot, settings.text('base'))
 
     def deactivate(self) -> None:
         """Stop the loop; planned and streamed motions are dropped."""
@@ -539,9 +536,6 @@ class ShaperNode(RobotNode):
     def cleanup(self) -> None:
         """End the planner."""
         self.planning.planner.close()
-        if self._reference is not None:
-            self.destroy_publisher(self._reference)
-            self._reference = None
 
     def save(self) -> None:
         """Leave no planner behind, whatever hangs."""
@@ -549,11 +543,8 @@ class ShaperNode(RobotNode):
 
     # ---- diagnostics
 
-    def statuses(self) -> list[Status]:
-        """State of the loop, and times of planning."""
-        found = super().statuses()
-        if self.state not in ('active', 'inactive'):
-            return found
+    def work_statuses(self) -> list[Status]:
+        """Motions so far, and times of planning."""
         status = Status('shaper')
         status.values = {
             'doing': self._doing(self.clock.now()),
@@ -574,7 +565,7 @@ class ShaperNode(RobotNode):
             status.worsen(ERROR, 'no planner: it died and will be restarted')
         if self.planning.load_error:
             status.worsen(ERROR, self.planning.load_error)
-        return [*found, status]
+        return [status]
 
     def _doing(self, now: float) -> str:
         if self.stream.active:

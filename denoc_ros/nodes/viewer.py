@@ -4,16 +4,20 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sensor_msgs.msg import JointState
 
-from denoc_ros.errors import ConfigError
-from denoc_ros.nodes.model_node import ModelNode
-from denoc_ros.nodes.polled_inputs import PolledInputs
+from denoc_ros.nodes.base import DenocNode
+from denoc_ros.nodes.guarded_node import WithoutEvents
+from denoc_ros.nodes.inputs import Input
+from denoc_ros.nodes.messages import NEWEST
 from denoc_ros.nodes.process import leave, run
+from denoc_ros.nodes.robot_node import ModelNode
+from denoc_ros.runtime.input_monitor import InputMonitor
 from denoc_ros.runtime.live_snapshots import LiveSnapshots
 from denoc_ros.runtime.rate_limiter import RateLimiter
 from denoc_ros.runtime.realtime import lower_priority
@@ -25,10 +29,105 @@ from denoc_ros.viewer.snapshot import Snapshot
 if TYPE_CHECKING:
     from denoc_ros.viewer.page import Page
 
+Admit = Callable[[int], None]
+# takes a topic, as it was given, a raw message, and what admits its stamp [ns]
+Taker = Callable[[str, bytes, Admit], None]
 LOOK_PERIOD = 0.2  # s between looks whether anybody watches
 LINGER = 2.0  # s that the inputs stay open when the last one has gone: a page that is reloaded
-
 EXPOSED = 'the page is served beyond this machine ({}): everybody who reaches it can watch'
+
+
+class _Aside(WithoutEvents):
+    """A hidden node that no executor serves: its subscriptions come and go in any thread."""
+
+    def __init__(self, owner: DenocNode) -> None:
+        super().__init__(
+            f'_{owner.get_name()}_inputs',
+            namespace=owner.get_namespace(),
+            use_global_arguments=False,
+            enable_rosout=False,
+            start_parameter_services=False,
+        )
+        self.refuse, self.clock = owner.refuse, owner.clock
+        self.drop = self.destroy_subscription
+
+    def take_aside(self, subscription: Any) -> None:
+        """Do nothing: all are aside."""
+
+
+class PolledInputs:
+    """Subscriptions of which the newest message is taken now and then, by one thread.
+
+    A callback for each message would take more time than all that is made of the few that are
+    looked at.
+
+    Parameters
+    ----------
+    node : DenocNode
+        Whose inputs they are: its name space, its diagnostics.
+    topics : mapping of str to type
+        Message types by topic.
+    take : callable
+        Takes a topic, as it is given here, the raw message, and what admits its stamp [ns]; may
+        raise InputError, which is counted.
+    """
+
+    def __init__(self, node: DenocNode, topics: Mapping[str, type], take: Taker) -> None:
+        limit = node.settings.integer('max_publishers')
+        self._owner, self._topics, self._take = node, topics, take
+        self._names = {topic: node.resolve_topic_name(topic) for topic in topics}
+        self._monitors = {topic: InputMonitor(self._names[topic], limit) for topic in topics}
+        node.monitors.extend(self._monitors.values())
+        self._inputs: dict[str, Input] = {}
+        self._node = _Aside(node)
+
+    @property
+    def is_open(self) -> bool:
+        """Whether there are subscriptions."""
+        return bool(self._inputs)
+
+    def listen(self, topics: Collection[str]) -> None:
+        """Subscribe to topics of these inputs, and to no others any more."""
+        for topic in self._inputs.keys() - set(topics):
+            self._node.destroy_subscription(self._inputs.pop(topic).subscription)
+        for topic in topics:
+            if topic not in self._inputs:
+                self._inputs[topic] = self._subscribed(topic)
+
+    def _subscribed(self, topic: str) -> Input:
+        monitor = self._monitors[topic]
+        monitor.reset()
+        handle = partial(self._hand_on, topic, monitor)
+        name, kind = self._names[topic], self._topics[topic]
+        return Input(self._node, kind, name, handle, NEWEST, monitor)
+
+    def shut(self) -> None:
+        """Subscribe to nothing any more."""
+        self.listen(())
+
+    def forget(self) -> None:
+        """Discard the last stamps: the next messages may be older."""
+        for monitor in self._monitors.values():
+            monitor.reset()
+
+    def take(self) -> None:
+        """Hand the newest message of each topic on, where there is a new one."""
+        for each in self._inputs.values():
+            each.take()
+
+    def close(self) -> None:
+        """Leave the graph, and the owner's diagnostics."""
+        self.shut()
+        self._node.destroy_node()
+        for monitor in self._monitors.values():
+            self._owner.monitors.remove(monitor)
+
+    def _hand_on(self, topic: str, monitor: InputMonitor, raw: bytes, arrived: float) -> None:
+        self._take(topic, raw, partial(_admit, monitor, arrived))
+
+
+def _admit(monitor: InputMonitor, arrived: float, stamp_ns: int) -> None:
+    monitor.accept(stamp_ns, arrived)
 
 
 class ViewerNode(ModelNode):
@@ -64,9 +163,8 @@ class ViewerNode(ModelNode):
         others = settings.text('effort_topic'), settings.text('residual_topic')
         topics = [self.resolve_topic_name(name) for name in (*states, *others) if name]
         if not states or len(set(topics)) < len(topics):
-            raise ConfigError(
-                self.get_fully_qualified_name(),
-                [f"parameter 'state_topics' must name topics different from all, got {topics}"],
+            raise self.config_error(
+                f"parameter 'state_topics' must name topics different from all, got {topics}"
             )
         self.snapshots = LiveSnapshots(
             robot, posture, states, *others, settings.number('timeout'), self.clock.now
@@ -86,8 +184,7 @@ class ViewerNode(ModelNode):
         try:
             from denoc_ros.viewer.page import LOOPBACK, Page
         except ImportError as error:
-            name = self.get_fully_qualified_name()
-            raise ConfigError(name, [NO_VISER.format(error)]) from error
+            raise self.config_error(NO_VISER.format(error)) from error
         settings = self.settings
         path, host = settings.text('urdf_path'), settings.text('host')
         self.exposed = '' if host in LOOPBACK else EXPOSED.format(host)
@@ -190,7 +287,7 @@ class ViewerNode(ModelNode):
     def statuses(self) -> list[Status]:
         """State of the page: pictures, browsers, rate."""
         page = self.page
-        if page is None or self.state not in ('active', 'inactive'):
+        if page is None or not self.is_configured:
             return [Status('page', message=self.state)]
         now = time.perf_counter()
         drawn, before = self._drawn, self._drawn_reported

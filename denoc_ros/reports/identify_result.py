@@ -1,14 +1,25 @@
-"""Parts that the pages of `denoc identify` share: verdict, modes, origin of the record."""
+"""Parts that pages and texts of `denoc identify` share: verdict, modes, fit, record."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from denoc_ros.reports.figures import (
+    DIFFERENCE_COLOUR,
+    PHASE_COLOURS,
+    RESULT_HEIGHT,
+    TRUTH_COLOUR,
+    Curve,
+    Figure,
+    Panel,
+    line_figure,
+)
 from denoc_ros.reports.pages import Card, PageSection, PageTable, ReportPage, Tone, Verdict
 from denoc_ros.reports.provenance import provenance
-from denoc_ros.reports.text_table import cell_text
+from denoc_ros.reports.text_table import Row, cell_text, text_table
+from denoc_ros.types import Array
 
 TONES: Mapping[str, Tone] = {'good': 'good', 'doubtful': 'doubtful', 'not identifiable': 'bad'}
 SHOWN = 4  # modes or numbers on cards
@@ -83,12 +94,76 @@ def interval_text(interval: Sequence[float | None]) -> str:
     return f'95 %: {low:.4g} … {high:.4g}'
 
 
-def verdict_text(document: Mapping[str, Any]) -> str:
-    """Return the verdict on a result of modes, and which of several modes it is of."""
-    asked = [f'{mode["frequency_hz"]:.4g}' for mode in document['modes'] if mode['asked']]
-    of = f' (of {", ".join(asked)} Hz)' if len(document['modes']) > len(asked) > 0 else ''
-    none = ' (no mode asked for was found)' if document['modes'] and not asked else ''
-    return f'verdict: {document["verdict"]}{of}{none}'
+def result_text(
+    document: Mapping[str, Any],
+    head: Iterable[str],
+    rows: Sequence[Row],
+    notes: Iterable[str] = (),
+    tail: Iterable[str] = (),
+) -> str:
+    """Return a result's lines for a terminal.
+
+    Parameters
+    ----------
+    document : mapping
+        The result, for its verdict and for which of several modes it is of.
+    head : iterable of str
+        Lines above the table.
+    rows : sequence of dict
+        Of the table; none: there is none.
+    notes, tail : iterable of str
+        Lines below it, indented and not.
+    """
+    modes = document.get('modes', ())
+    asked = [f'{mode["frequency_hz"]:.4g}' for mode in modes if mode['asked']]
+    of = f' (of {", ".join(asked)} Hz)' if len(modes) > len(asked) > 0 else ''
+    none = ' (no mode asked for was found)' if modes and not asked else ''
+    table = [text_table(rows)] if rows else []
+    lines = [*head, *table, *(f'  {note}' for note in notes), *tail]
+    return '\n'.join([*lines, f'verdict: {document["verdict"]}{of}{none}'])
+
+
+def mode_notes(document: Mapping[str, Any]) -> list[str]:
+    """Return the reasons of each mode's verdict, for a terminal."""
+    return [
+        f'{mode["frequency_hz"]:.4g} Hz: {reason}'
+        for mode in document['modes']
+        for reason in mode['reasons']
+    ]
+
+
+def fit_figure(
+    t: Array,
+    measured: Array,
+    fitted: Array,
+    name: str,
+    unit: str,
+    word: str = 'fitted',
+    above: Sequence[Curve] = (),
+) -> Figure:
+    """Return the figure of a signal and its fit, and of their difference below.
+
+    Parameters
+    ----------
+    t, measured, fitted : (k,) array
+        Times [s] and values.
+    name, unit : str
+        Of the signal.
+    word : str
+        What the fit is called.
+    above : sequence of Curve
+        Drawn before the signal.
+    """
+    curves = [
+        Curve('measured', TRUTH_COLOUR, t, measured),
+        Curve(word, PHASE_COLOURS[0], t, fitted, True),
+    ]
+    difference = Curve('difference', DIFFERENCE_COLOUR, t, measured - fitted)
+    panels = [
+        Panel(name, unit, [*above, *curves]),
+        Panel(f'measured minus {word}', unit, [difference]),
+    ]
+    return line_figure(panels, RESULT_HEIGHT)
 
 
 def modes_found(document: Mapping[str, Any]) -> str:

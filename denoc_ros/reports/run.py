@@ -2,23 +2,27 @@
 
 from __future__ import annotations
 
+import base64
+import io
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timezone
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+from markupsafe import Markup
 
 from denoc_ros.bags.reader import read_description
 from denoc_ros.bags.run import Diagnostic, RecordedTopics, read_run
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.errors import BagError, ConfigError, DenocError
 from denoc_ros.output_files import write_text
-from denoc_ros.reports import energy_balance, headline, sections, tip
+from denoc_ros.reports import energy_balance, headline, sections
+from denoc_ros.reports.headline import time_in_words
 from denoc_ros.reports.loop_timing import LoopMeasure, loop_measures, warnings
 from denoc_ros.reports.measures import PhaseMeasures, measure, summarize
-from denoc_ros.reports.moments import moments
 from denoc_ros.reports.pages import ReportPage
 from denoc_ros.reports.provenance import named_file, named_text, provenance
 from denoc_ros.reports.run_files import (
@@ -30,11 +34,51 @@ from denoc_ros.reports.run_files import (
     read_session,
     recording_name,
 )
-from denoc_ros.reports.summary import time_in_words
 from denoc_ros.simulation.bag import write_run
-from denoc_ros.simulation.run import Run
+from denoc_ros.simulation.simulate import Run
 
+if TYPE_CHECKING:
+    from PIL.Image import Image
+
+    from denoc_ros.dynamics.robot import Robot
+    from denoc_ros.reports.pages import PageSection
+
+SIZE = (460, 360)  # pixels of one moment: readable at a phone's width
+RATE = 20.0  # Hz, of the moments that are read: few are shown
+COUNT = 6
 NOTED = ('time', 'beams', 'failure')  # of a session, in the numbers of its run
+
+
+def moments(bag: Path, robot: Robot | None) -> PageSection | None:
+    """Return the section, None where the bag does not show how the robot stood."""
+    from denoc_ros.reports.pages import PageSection
+    from denoc_ros.viewer.film import Look, moment_images
+    from denoc_ros.viewer.recorded import RecordedRun
+
+    if robot is None:
+        return None
+    try:
+        run = RecordedRun(bag, robot, rate=RATE)
+        images = moment_images(run, robot, Look(size=SIZE), COUNT)
+    except DenocError:
+        return None
+    shown = Markup('').join(
+        Markup('<img alt="{}" width="{}" height="{}" src="data:image/png;base64,{}">').format(
+            f'{robot.tree.name} at moment {k} of {COUNT} of the run', *image.size, _png(image)
+        )
+        for k, image in enumerate(images, 1)
+    )
+    said = (
+        'The deflection is exaggerated by the factor in the pictures, the strain is not. '
+        'For a film of the run: denoc view RUN --video FILE.mp4'
+    )
+    return PageSection('How it moved', said, picture=shown)
+
+
+def _png(image: Image) -> str:
+    picture = io.BytesIO()
+    image.save(picture, 'png', optimize=True)
+    return base64.b64encode(picture.getvalue()).decode()
 
 
 @dataclass(frozen=True)
@@ -226,7 +270,7 @@ def _page(found: _Found, command: str) -> ReportPage:
         sections=[
             sections.failure(found.session.get('failure', '')),
             moments(found.recording.path, found.robot),
-            tip.section(phases),
+            sections.tip(phases),
             sections.tracking(phases, units),
             sections.motion(phases, units),
             sections.deflection(phases),

@@ -1,4 +1,4 @@
-"""The robot's time: of the steady clock, or of the topic `/clock`."""
+"""The robot's time: of the steady clock, or of the topic `/clock`; stamps of its moments."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ LOOK = 0.02  # s of wall time between looks while a clock stands
 STANDS = 1.0  # s of wall time without progress after which nothing more is expected
 BEHIND = 0.1  # s of wall time that a simulation makes up for
 REPEAT = 0.05  # s of wall time between repetitions of a time that stands
+SET_BACK = 1_000_000_000  # ns by which a clock that goes back has been set back
 
 
 class Clock(ABC):
@@ -375,3 +376,23 @@ class SourceClock(_StampedTime):
         if time.perf_counter() - self._told > REPEAT:
             self.tell()
         self._standing()
+
+
+class StampOf:
+    """Gives the stamp [ns] of a moment of a clock [s]; none earlier than before.
+
+    Parameters
+    ----------
+    clock : Clock
+    """
+
+    def __init__(self, clock: Clock) -> None:
+        self._stamp_ns = clock.stamp_ns
+        self._last = 0
+
+    def __call__(self, moment: float) -> int:
+        """Return the stamp of a moment [s]."""
+        stamp = self._stamp_ns(moment)
+        if not 0 < self._last - stamp < SET_BACK:
+            self._last = stamp
+        return self._last

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import math
 
+from denoc_ros.control.feedback_settings import FeedbackSettings
 from denoc_ros.dynamics.feedforward import MODELS
-from denoc_ros.runtime.feedback_parameters import feedback_parameters
-from denoc_ros.runtime.parameters import Kind, Parameter, ParameterTable
-from denoc_ros.runtime.safety import STALE_ACTIONS
+from denoc_ros.runtime.parameters import ParameterTable, SettingsParameters
 from denoc_ros.runtime.shared_parameters import (
     EXTRA_JOINTS,
     base_parameters,
@@ -17,6 +16,85 @@ from denoc_ros.runtime.shared_parameters import (
     range_parameters,
     robot_parameters,
 )
+from denoc_ros.runtime.torque import STALE_ACTIONS
+from denoc_ros.settings import Kind, Parameter, declared, parameter
+
+FEEDBACK = SettingsParameters(
+    FeedbackSettings,
+    {
+        name: f'feedback.{"state_limit" if name == "limit" else name}'
+        for name in declared(FeedbackSettings)
+        if name not in ('period', 'tip', 'delay')
+    },
+    {'sensor_delay': (0.0, 0.05)},
+    'state feedback: ',
+)
+
+
+def feedback_parameters() -> tuple[Parameter, ...]:
+    """Return the rows of damping by strain and of state feedback."""
+    return (*_strain_parameters(), *_state_parameters())
+
+
+def _state_parameters() -> tuple[Parameter, ...]:
+    return (
+        parameter(
+            'feedback.state',
+            'off',
+            'lqr: torque against the deviation of all coordinates from the plan, estimated '
+            'from joints and sensors; refused unless stable with stiffness and load 20 % off, and '
+            'with other modes of the links',
+            choices=('off', 'lqr'),
+            live=True,
+        ),
+        parameter(
+            'feedback.tip',
+            '',
+            'frame to keep on the plan; empty: the last',
+            live=True,
+        ),
+        parameter(
+            'feedback.delay',
+            1.5,  # sampling, transport and half a hold
+            'state feedback: delay from a measurement to the torque that responds to it',
+            'periods',
+            0.0,
+            50.0,
+            live=True,
+        ),
+        *FEEDBACK.rows(),
+    )
+
+
+def _strain_parameters() -> tuple[Parameter, ...]:
+    return (
+        parameter(
+            'feedback.strain_gain',
+            [],
+            'damping torque per strain rate, for each driven joint from a gauge on the link '
+            'behind it; empty: off. Refused unless it dissipates power in every mode of the '
+            'model',
+            'N m s, N s',
+            0.0,
+            kind=Kind.DOUBLES,
+        ),
+        parameter(
+            'feedback.strain_limit',
+            0.2,
+            'largest damping torque, as a share of the effort limit',
+            '',
+            0.0,
+            1.0,
+        ),
+        parameter(
+            'feedback.cutoff',
+            50.0,
+            'bandwidth of the filter that computes the strain rate',
+            'Hz',
+            positive=True,
+        ),
+    )
+
 
 TABLE = ParameterTable(
     [
@@ -26,24 +104,22 @@ TABLE = ParameterTable(
         *input_parameters(),
         *base_parameters(),
         *range_parameters(),
-        Parameter(
+        parameter(
             'joints',
-            Kind.STRINGS,
             [],
             'driven joints, in the order of the commands; empty: all but mimic joints',
+            kind=Kind.STRINGS,
         ),
-        Parameter(
+        parameter(
             'model',
-            Kind.STRING,
             'flexible',
             'rigid: rigid links; flexible: amplitudes move freely; quasi_static: amplitudes at'
             ' static equilibrium',
             choices=MODELS,
             live=True,
         ),
-        Parameter(
+        parameter(
             'base',
-            Kind.STRING,
             'free_floating',
             'a floating base: free_floating (it reacts to the arm, without momentum), drifting '
             '(it reacts; `base_motion` measures its twist) or free_flying (thrusters hold it; the '
@@ -52,7 +128,7 @@ TABLE = ParameterTable(
             choices=('free_floating', 'drifting', 'free_flying'),
         ),
         *(
-            Parameter(f'terms.{name}', Kind.BOOL, True, f'include {text}', live=True)
+            parameter(f'terms.{name}', True, f'include {text}', live=True)
             for name, text in (
                 ('inertia', 'the torque for accelerations'),
                 ('coriolis', 'the torque for centrifugal and Coriolis forces'),
@@ -64,48 +140,42 @@ TABLE = ParameterTable(
                 ('elastic', 'the change of torque due to deflection'),
             )
         ),
-        Parameter(
+        parameter(
             'trigger',
-            Kind.STRING,
             'clock',
             'clock: commands at `update_rate`; message: one `~/effort` per accepted reference,'
             ' with its stamp, and no commands (for recorded runs)',
             choices=('clock', 'message'),
         ),
-        Parameter(
+        parameter(
             'reference_source',
-            Kind.STRING,
             'topic',
             'topic: `reference`; joint_states: the measured motion, with differentiated '
             'accelerations',
             choices=('topic', 'joint_states'),
         ),
-        Parameter(
+        parameter(
             'acceleration_cutoff',
-            Kind.DOUBLE,
             20.0,
             'bandwidth of the low-pass filter on accelerations differentiated from joint states',
             'Hz',
             positive=True,
         ),
-        Parameter(
+        parameter(
             'require_joint_states',
-            Kind.BOOL,
             True,
             'follow the reference only while joint states are fresh',
         ),
         EXTRA_JOINTS,
-        Parameter(
+        parameter(
             'sync_to_joint_states',
-            Kind.BOOL,
             False,
             "keep each tick half a period after the joint states' stamps: the delay from a "
             'measurement to its torque is then the same in every period; needs joint states '
             'every period, or every few',
         ),
-        Parameter(
+        parameter(
             'lead_time',
-            Kind.DOUBLE,
             0.0,
             'how far ahead of the current time the reference is evaluated: compensates '
             'transport and hold delay',
@@ -114,70 +184,63 @@ TABLE = ParameterTable(
             0.1,
             live=True,
         ),
-        Parameter(
+        parameter(
             'enabled',
-            Kind.BOOL,
             True,
             'follow the reference from the start; false: after `~/enable`',
         ),
-        Parameter(
+        parameter(
             'stale_action',
-            Kind.STRING,
             'ramp_to_gravity',
             'what to send while joint states or reference are stale',
             choices=STALE_ACTIONS,
         ),
-        Parameter(
+        parameter(
             'ramp_time',
-            Kind.DOUBLE,
             0.5,
             'duration of ramp_to_gravity',
             's',
             maximum=30.0,
             positive=True,
         ),
-        Parameter(
+        parameter(
             'effort_limits',
-            Kind.DOUBLES,
             [],
             "largest effort, one per driven joint; empty: the URDF's",
             'N m, N',
             0.0,
+            kind=Kind.DOUBLES,
         ),
-        Parameter(
-            'enforce_command_limits', Kind.BOOL, True, 'clamp the torque to the effort limits'
-        ),
-        Parameter(
+        parameter('enforce_command_limits', True, 'clamp the torque to the effort limits'),
+        parameter(
             'max_delta_tau',
-            Kind.DOUBLE,
             math.inf,
             'largest change of torque per tick',
             'N m, N',
             positive=True,
         ),
         *feedback_parameters(),
-        Parameter(
+        parameter(
             'publish_joint_trajectory',
-            Kind.BOOL,
             False,
             'also publish `~/joint_trajectory` with effort, one point per tick',
         ),
-        Parameter(
+        parameter(
             'impedance.stiffness',
-            Kind.DOUBLES,
             [],
             "also publish `~/impedance_commands` with this stiffness of the drives' own loop, one "
             'value or one per joint; empty: off',
             'N m/rad, N/m',
             0.0,
+            kind=Kind.DOUBLES,
         ),
-        Parameter(
+        parameter(
             'impedance.damping',
-            Kind.DOUBLES,
             [0.0],
             'the same, damping relative to the velocity of the reference',
             'N m s/rad, N s/m',
             0.0,
+            kind=Kind.DOUBLES,
         ),
     ]
 )

@@ -6,9 +6,11 @@ from collections.abc import Mapping
 from typing import Any, TypeVar
 
 from denoc_ros.dynamics.robot import Robot
-from denoc_ros.errors import ConfigError, StateError
+from denoc_ros.errors import ConfigError, ModelError, StateError
 from denoc_ros.model.numbers import Values, numbers_of, other_names, plain_paths, values_of
 from denoc_ros.model.payloads import payloads_of
+from denoc_ros.model.source import is_text, parse_xml
+from denoc_ros.runtime.input_monitor import InputError
 
 PAYLOAD = 'payload.'
 Given = TypeVar('Given')
@@ -30,6 +32,7 @@ class LiveModel:
         self._where = where
         self._overrides: dict[str, Any] = {}
         self._built, self._numbers = base, numbers_of(base.tree)
+        self._values, self._names = values_of(base.tree), other_names(self._numbers)
 
     def plain(self, overrides: Mapping[str, Given]) -> dict[str, Given]:
         """Return values with the aliases `damping.*` replaced by the paths that they stand for.
@@ -54,6 +57,7 @@ class LiveModel:
         rest = {path: value for path, value in plain.items() if path not in payloads}
         if rest != self._overrides:
             self._built, self._overrides = self._changed(rest), rest
+            self._values = values_of(self._built.tree)
         robot = self._built.copy()
         for link, payload in payloads_of(payloads, robot.tree).items():
             try:
@@ -76,6 +80,22 @@ class LiveModel:
 
         The overrides are those that the last `robot` was made with.
         """
-        values: Values = values_of(self._built.tree)
-        values.update(self.plain(overrides))
-        return values | {name: values[path] for name, path in other_names(values).items()}
+        values: Values = {**self._values, **self.plain(overrides)}
+        return values | {name: values[path] for name, path in self._names.items()}
+
+
+def check_description(topic: str, text: str) -> None:
+    """Refuse text that is not a description: a path from a topic is never opened.
+
+    Raises
+    ------
+    InputError
+        Cause `format`: the text is not the XML of a `<robot>`.
+    """
+    if not is_text(text):
+        got = f'{len(text)} characters that begin with {text[:20]!r}'
+        raise InputError('format', f'{topic} must be the XML of a <robot>, got {got}')
+    try:
+        parse_xml(topic, text)
+    except ModelError as error:
+        raise InputError('format', str(error)) from error

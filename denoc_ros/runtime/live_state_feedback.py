@@ -20,12 +20,12 @@ from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import ConfigError, StateError
 from denoc_ros.estimation.clock import StampClock
 from denoc_ros.model.numbers import FAMILIES
-from denoc_ros.runtime.feedback_parameters import SETTINGS
-from denoc_ros.runtime.following import STALE_JOINTS
+from denoc_ros.runtime.feedforward_parameters import FEEDBACK
 from denoc_ros.runtime.gain_worker import FeedbackModel, GainWorker, WantedGains
 from denoc_ros.runtime.parameters import Settings
 from denoc_ros.runtime.reference import ReferenceFollower
 from denoc_ros.runtime.status import ERROR, WARN, Status
+from denoc_ros.runtime.torque import STALE_JOINTS
 from denoc_ros.types import Array
 
 TURN = 0.1  # rad or m that a streamed reference may move before its gains are made anew
@@ -101,15 +101,11 @@ class LiveStateFeedback:
         self._require(settings)
         index = [robot.joint_indices[robot.joint_names.index(joint)] for joint in joints]
         period = 1.0 / settings.number('update_rate')
-        wanted = FeedbackSettings(
+        wanted = FEEDBACK.read(
+            settings,
             period=period,
             tip=settings.text('feedback.tip') or list(robot.tree.frames)[-1],
             delay=settings.number('feedback.delay') * period,
-            sensor_delay=settings.number('feedback.sensor_delay'),
-            integral_time=settings.number('feedback.integral_time'),
-            joint_bandwidth=settings.number('feedback.joint_bandwidth'),
-            limit=settings.number('feedback.state_limit'),
-            **{name: settings.number(f'feedback.{name}') for name, *_ in SETTINGS},
         )
         require_known_base(robot, 'feedback.state')
         require_sensors(robot, joints, limits, wanted)

@@ -15,7 +15,7 @@ import numpy as np
 
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.model.tree import Limits
-from denoc_ros.runtime.input_error import InputError
+from denoc_ros.runtime.input_monitor import InputError
 from denoc_ros.runtime.parameters import Settings
 from denoc_ros.types import Array
 

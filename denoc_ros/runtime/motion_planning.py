@@ -17,11 +17,11 @@ from denoc_ros.control.servo import joint_servo
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import StateError
 from denoc_ros.model.numbers import FAMILIES
-from denoc_ros.runtime.input_error import InputError
-from denoc_ros.runtime.motion_samples import RequestedMotion
+from denoc_ros.runtime.input_monitor import InputError
 from denoc_ros.runtime.parameters import Settings
 from denoc_ros.runtime.planner import Answer, Planner
 from denoc_ros.runtime.shaper_parameters import OF_STREAMS
+from denoc_ros.runtime.trajectory_messages import RequestedMotion
 from denoc_ros.types import Array
 
 LOADING = 300.0  # s: a cold kernel cache compiles on a slow machine

@@ -6,7 +6,7 @@ import math
 
 from denoc_ros.model.plant_description import LIMITS
 from denoc_ros.model.shapes import SHAPES
-from denoc_ros.runtime.parameters import Kind, Parameter, ParameterTable
+from denoc_ros.runtime.parameters import ParameterTable
 from denoc_ros.runtime.shared_parameters import (
     lifecycle_parameters,
     loop_parameters,
@@ -14,6 +14,7 @@ from denoc_ros.runtime.shared_parameters import (
     range_parameters,
     robot_parameters,
 )
+from denoc_ros.settings import Kind, parameter
 
 TABLE = ParameterTable(
     [
@@ -21,183 +22,165 @@ TABLE = ParameterTable(
         *robot_parameters(),
         *loop_parameters(),
         *range_parameters(),
-        Parameter(
+        parameter(
             'engine',
-            Kind.STRING,
             'denoc',
             'what moves it: our model, or MuJoCo, where each beam is a chain of rods on sprung '
             'hinges',
             choices=('denoc', 'mujoco'),
         ),
-        Parameter(
+        parameter(
             'modes',
-            Kind.INTEGER,
             0,
             'modes of each bending plane and of torsion of every beam of the plant, per segment; '
             '0: as in the description, which the other nodes have',
             minimum=0,
             maximum=LIMITS['modes'],
         ),
-        Parameter(
+        parameter(
             'shape',
-            Kind.STRING,
             '',
             'shape functions of the plant in bending; empty: as in the description',
             choices=('', *SHAPES),
         ),
-        Parameter(
+        parameter(
             'segments',
-            Kind.INTEGER,
             0,
             'segments of each beam of the plant; 0: as in the description; hinges of each beam in '
             'MuJoCo; 0: 16',
             minimum=0,
             maximum=LIMITS['segments'],
         ),
-        Parameter(
+        parameter(
             'scene',
-            Kind.STRING,
             '',
             "MJCF file of objects in the world, which the robot's collision geometry touches, for "
             'engine `mujoco`',
         ),
-        Parameter(
+        parameter(
             'joints',
-            Kind.STRINGS,
             [],
             'driven joints; empty: all but mimic joints',
+            kind=Kind.STRINGS,
         ),
-        Parameter('command', Kind.STRING, 'feedforward/commands', 'topic of the commanded effort'),
-        Parameter(
+        parameter('command', 'feedforward/commands', 'topic of the commanded effort'),
+        parameter(
             'impedance_command',
-            Kind.STRING,
             '',
             'topic of commands of position, velocity, gains and effort in one, such as '
             '`feedforward/impedance_commands`, in place of `command`; empty: effort alone',
         ),
-        Parameter(
+        parameter(
             'command_timeout',
-            Kind.DOUBLE,
             math.inf,
             'age after which the commanded effort counts as zero; until then it is held',
             's',
             positive=True,
         ),
-        Parameter(
+        parameter(
             'brake',
-            Kind.BOOL,
             True,
             'hold the joints at their start positions until the first command',
         ),
-        Parameter(
+        parameter(
             'enforce_effort_limits',
-            Kind.BOOL,
             True,
             ("saturate the drives at the URDF's effort limits"),
         ),
-        Parameter(
+        parameter(
             'start',
-            Kind.DOUBLES,
             [],
             'joint positions at the start; empty: 0; `~/reset` goes there',
             'rad, m',
             live=True,
+            kind=Kind.DOUBLES,
         ),
-        Parameter(
+        parameter(
             'start_deflection',
-            Kind.STRING,
             'static',
             'amplitudes at the start: in equilibrium, or zero',
             choices=('static', 'zero'),
         ),
-        Parameter(
+        parameter(
             'feedback.kp',
-            Kind.DOUBLES,
             [0.0],
             "the robot's own joint controller, added to the commands: stiffness towards "
             '`reference`, one value or one per joint',
             'N m/rad, N/m',
             0.0,
+            kind=Kind.DOUBLES,
         ),
-        Parameter(
+        parameter(
             'feedback.kd',
-            Kind.DOUBLES,
             [0.0],
             "the robot's own joint controller: damping relative to the reference's velocity",
             'N m s/rad, N s/m',
             0.0,
+            kind=Kind.DOUBLES,
         ),
-        Parameter(
+        parameter(
             'noise.position',
-            Kind.DOUBLE,
             0.0,
             'standard deviation of measured positions',
             'rad, m',
             0.0,
         ),
-        Parameter(
+        parameter(
             'noise.velocity',
-            Kind.DOUBLE,
             0.0,
             'standard deviation of measured velocities',
             'rad/s, m/s',
             0.0,
         ),
-        Parameter(
+        parameter(
             'noise.effort',
-            Kind.DOUBLE,
             0.0,
             'standard deviation of measured effort',
             'N m, N',
             0.0,
         ),
-        Parameter(
+        parameter(
             'noise.sensors',
-            Kind.BOOL,
             True,
             ("add the noise that the URDF's block gives for the sensors"),
         ),
-        Parameter(
+        parameter(
             'clock',
-            Kind.STRING,
             'none',
             'source of time for all nodes with `use_sim_time`: `publish` tells the simulated time '
             'on /clock; `lockstep` also waits before each step until its partners have answered',
             choices=('none', 'publish', 'lockstep'),
         ),
-        Parameter(
+        parameter(
             'real_time_factor',
-            Kind.DOUBLE,
             1.0,
             'simulated time over wall time with a clock of its own, at most; 0: no limit',
             '',
             0.0,
             live=True,
         ),
-        Parameter(
+        parameter(
             'pause_at',
-            Kind.DOUBLE,
             math.inf,
             'simulated time at which a clock of its own stands until this is set later',
             's',
             0.0,
             live=True,
         ),
-        Parameter(
+        parameter(
             'lockstep.partners',
-            Kind.STRINGS,
             [],
             'nodes whose answers each step waits for, all with `use_sim_time`',
+            kind=Kind.STRINGS,
         ),
-        Parameter(
+        parameter(
             'lockstep.timeout',
-            Kind.DOUBLE,
             10.0,
             'wall time after which a partner that has answered before and is silent ends the node',
             's',
             positive=True,
         ),
-        Parameter('seed', Kind.INTEGER, 0, 'seed of the noise', '', 0),
+        parameter('seed', 0, 'seed of the noise', '', 0),
         publishers_parameter(),
     ]
 )

@@ -22,6 +22,9 @@ SINGLE_THREADED = {f'{kind}_NUM_THREADS': '1' for kind in ('OMP', 'OPENBLAS', 'M
 
 # loaded once: a look-up takes longer than a period
 _LIBC = ctypes.CDLL(None, use_errno=True)
+LARGE = 262_144  # bytes: far more than a tick allocates
+MMAP_THRESHOLD = -3  # as <malloc.h> has it
+CHOSEN = 'MALLOC_MMAP_THRESHOLD_'  # glibc's environment variable for the same
 
 
 def make_thread_timely(priority: int, core: int = -1) -> dict[str, str]:
@@ -165,3 +168,18 @@ def _schedule(thread: int, priority: int) -> None:
     # once set, only who may set priorities can take the reset off again
     policy = (os.SCHED_FIFO if priority > 0 else os.SCHED_OTHER) | os.SCHED_RESET_ON_FORK
     os.sched_setscheduler(thread, policy, os.sched_param(priority))
+
+
+def return_large_pieces() -> bool:
+    """Have the C library map pieces of 256 KiB and more on their own; say whether it will.
+
+    It does not where the user has set a size, and where it is not glibc.
+
+    glibc maps large pieces of memory one by one, but raises the size from which it does so with
+    each such piece that is freed, up to 32 MB. Later pieces come from the heap, among small ones
+    that live long: a process keeps the memory of large messages, and more of it with each burst.
+    """
+    adjust = getattr(ctypes.CDLL(None), 'mallopt', None)
+    if adjust is None or CHOSEN in os.environ:
+        return False
+    return bool(adjust(MMAP_THRESHOLD, LARGE))

@@ -9,7 +9,7 @@ from collections.abc import Callable
 import numpy as np
 
 from denoc_ros.control.braking import brake
-from denoc_ros.runtime.input_error import InputError
+from denoc_ros.runtime.input_monitor import InputError
 from denoc_ros.runtime.motion_bounds import MotionBounds
 from denoc_ros.runtime.trajectory_messages import TrajectoryMessage
 from denoc_ros.trajectories import SplineTrajectory

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from denoc_ros.runtime.parameters import Kind, Parameter, ParameterTable
+from denoc_ros.control import impulses
+from denoc_ros.runtime.parameters import ParameterTable
 from denoc_ros.runtime.shared_parameters import (
     lifecycle_parameters,
     loop_parameters,
@@ -10,9 +11,10 @@ from denoc_ros.runtime.shared_parameters import (
     range_parameters,
     robot_parameters,
 )
+from denoc_ros.settings import Kind, parameter
 
-METHODS = ('tip', 'zv', 'zvd', 'ei', 'rest_to_rest')
-OF_STREAMS = ('zv', 'zvd', 'ei')
+OF_STREAMS = impulses.METHODS
+METHODS = ('tip', *OF_STREAMS, 'rest_to_rest')
 
 TABLE = ParameterTable(
     [
@@ -21,15 +23,14 @@ TABLE = ParameterTable(
         *loop_parameters(),
         publishers_parameter(),
         *range_parameters(),
-        Parameter(
+        parameter(
             'joints',
-            Kind.STRINGS,
             [],
             'driven joints of a robot with loops; empty: all but mimic joints',
+            kind=Kind.STRINGS,
         ),
-        Parameter(
+        parameter(
             'method',
-            Kind.STRING,
             'tip',
             'tip: the tip moves like that of the undeformed robot; zv, zvd, ei: input shapers,'
             ' also for streams; rest_to_rest: the path of the joints between first and last '
@@ -37,17 +38,15 @@ TABLE = ParameterTable(
             choices=METHODS,
             live=True,
         ),
-        Parameter(
+        parameter(
             'fastest',
-            Kind.BOOL,
             False,
             'with `method: tip` or `rest_to_rest`: the timing is free, each motion takes the '
             'least time within the limits',
             live=True,
         ),
-        Parameter(
+        parameter(
             'margin',
-            Kind.DOUBLE,
             0.0,
             'share of every limit but positions that `fastest` keeps free',
             '',
@@ -55,25 +54,22 @@ TABLE = ParameterTable(
             0.9,
             live=True,
         ),
-        Parameter(
+        parameter(
             'tip',
-            Kind.STRING,
             '',
             'frame that `method: tip` controls; empty: `tool`, or else the last link of the file',
             live=True,
         ),
-        Parameter(
+        parameter(
             'base',
-            Kind.STRING,
             'free_floating',
             'a floating base: free_floating (it reacts to the arm) or free_flying (thrusters hold '
             'it)',
             choices=('free_floating', 'free_flying'),
             live=True,
         ),
-        Parameter(
+        parameter(
             'modes',
-            Kind.INTEGER,
             0,
             'number of modes that come to rest, from the lowest; 0: all below ten times the '
             'lowest frequency',
@@ -82,17 +78,15 @@ TABLE = ParameterTable(
             100,
             live=True,
         ),
-        Parameter(
+        parameter(
             'mode_table',
-            Kind.STRING,
             '',
             'file with measured modes over postures (`denoc identify postures`), in place of the '
             'modes of the model, which may be rigid (`method: zv, zvd, ei`); read again by '
             '`~/reload_model`',
         ),
-        Parameter(
+        parameter(
             'robustness',
-            Kind.DOUBLE,
             0.1,
             "assumed error of the modes' frequencies, as a share (`method: rest_to_rest`)",
             '',
@@ -101,14 +95,14 @@ TABLE = ParameterTable(
             live=True,
         ),
         *(
-            Parameter(
+            parameter(
                 f'limits.{what}',
-                Kind.DOUBLES,
                 [],
                 f'largest {what}, one or one per driven joint; empty: {none}',
                 unit,
                 positive=True,
                 live=True,
+                kind=Kind.DOUBLES,
             )
             for what, unit, none in (
                 ('velocity', 'rad/s, m/s', "the URDF's"),
@@ -118,45 +112,43 @@ TABLE = ParameterTable(
                 ('effort_rate', 'N m/s, N/s', 'no limit'),
             )
         ),
-        Parameter(
+        parameter(
             'servo.bandwidth',
-            Kind.DOUBLES,
             [],
             'natural frequency with which the joints follow commands, one or one per joint; '
             'empty: they follow exactly (see `denoc identify servo`)',
             'Hz',
             positive=True,
             live=True,
+            kind=Kind.DOUBLES,
         ),
-        Parameter(
+        parameter(
             'servo.damping',
-            Kind.DOUBLES,
             [1.0],
             'damping ratio with which the joints follow commands, one or one per joint',
             positive=True,
             live=True,
+            kind=Kind.DOUBLES,
         ),
-        Parameter(
+        parameter(
             'servo.delay',
-            Kind.DOUBLES,
             [0.0],
             'delay with which the joints follow commands, one or one per joint',
             's',
             0.0,
             1.0,
             live=True,
+            kind=Kind.DOUBLES,
         ),
-        Parameter(
+        parameter(
             'on_failure',
-            Kind.STRING,
             'refuse',
             'for a motion that cannot be shaped: refuse it, or pass_on: publish it unchanged',
             choices=('refuse', 'pass_on'),
             live=True,
         ),
-        Parameter(
+        parameter(
             'output_step',
-            Kind.DOUBLE,
             0.01,
             'time between points of the published motions',
             's',
@@ -164,9 +156,8 @@ TABLE = ParameterTable(
             1.0,
             live=True,
         ),
-        Parameter(
+        parameter(
             'solve_timeout',
-            Kind.DOUBLE,
             10.0,
             'longest planning time of a motion; after it the planner is ended and restarted',
             's',
@@ -174,9 +165,8 @@ TABLE = ParameterTable(
             positive=True,
             live=True,
         ),
-        Parameter(
+        parameter(
             'start_margin',
-            Kind.DOUBLE,
             0.1,
             'shortest time between the publication and the start of a motion',
             's',
@@ -184,9 +174,8 @@ TABLE = ParameterTable(
             10.0,
             live=True,
         ),
-        Parameter(
+        parameter(
             'stream_timeout',
-            Kind.DOUBLE,
             0.1,
             'age after which a streamed input is stale: until then the joints keep their last '
             'velocity, then they brake',
@@ -194,9 +183,8 @@ TABLE = ParameterTable(
             maximum=10.0,
             positive=True,
         ),
-        Parameter(
+        parameter(
             'stop_time',
-            Kind.DOUBLE,
             0.3,
             'braking time after a stale stream; the shortest one of `~/stop`',
             's',

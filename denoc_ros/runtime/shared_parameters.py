@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from denoc_ros.runtime.load import SHARE
-from denoc_ros.runtime.parameters import Kind, Parameter
+from denoc_ros.runtime.timing import LOAD_SHARE
+from denoc_ros.settings import Kind, Parameter, parameter
 
 # what parameter `base_motion` may be
 SOURCES = ('off', 'odometry', 'odometry_accel', 'accel', 'imu')
@@ -13,9 +13,8 @@ BASE_LIMITS = (
     ('acceleration', 'acceleration (of an accelerometer, with gravity)', 200.0, 'm/s^2'),
     ('angular_acceleration', 'angular acceleration, also between two messages', 1000.0, 'rad/s^2'),
 )
-EXTRA_JOINTS = Parameter(
+EXTRA_JOINTS = parameter(
     'allow_extra_joints',
-    Kind.BOOL,
     False,
     'accept joint states that also name joints unknown to the robot',
 )
@@ -24,9 +23,8 @@ EXTRA_JOINTS = Parameter(
 def lifecycle_parameters() -> tuple[Parameter, ...]:
     """Return the rows that every node has."""
     return (
-        Parameter(
+        parameter(
             'autostart',
-            Kind.BOOL,
             True,
             'configure and activate at start; false: leave it to a lifecycle manager',
         ),
@@ -36,40 +34,38 @@ def lifecycle_parameters() -> tuple[Parameter, ...]:
 def robot_parameters() -> tuple[Parameter, ...]:
     """Return the rows of every node that holds a robot's model."""
     return (
-        Parameter(
+        parameter(
             'urdf_path',
-            Kind.STRING,
             '',
             'URDF file of the robot; empty: the topic `robot_description`',
         ),
-        Parameter(
+        parameter(
             'gravity',
-            Kind.DOUBLES,
             [0.0, 0.0, -9.81],
             'gravity in the base frame (three numbers)',
             'm/s^2',
+            kind=Kind.DOUBLES,
         ),
-        Parameter(
+        parameter(
             'posture',
-            Kind.DOUBLES,
             [],
             'seed positions of all joints of the tree, near which its loops are closed; empty: 0',
             'rad, m',
+            kind=Kind.DOUBLES,
         ),
-        Parameter(
+        parameter(
             'geometric_stiffness',
-            Kind.BOOL,
             True,
             'include the foreshortening of the beams; false: the model for slow motion',
         ),
         *(
-            Parameter(
+            parameter(
                 f'{family}.*',
-                Kind.DOUBLE_OR_DOUBLES,
                 None,
                 f'override of the model by its dotted path, such as `{example}`',
                 'SI',
                 live=True,
+                kind=Kind.DOUBLE_OR_DOUBLES,
             )
             for family, example in (
                 ('beam', 'beam.upper_arm.y.damping_ratio'),
@@ -85,25 +81,23 @@ def robot_parameters() -> tuple[Parameter, ...]:
 def loop_parameters() -> tuple[Parameter, ...]:
     """Return the rows of every node with a real-time loop."""
     return (
-        Parameter('update_rate', Kind.DOUBLE, 1000.0, 'rate of the loop', 'Hz', 1.0, 10000.0),
+        parameter('update_rate', 1000.0, 'rate of the loop', 'Hz', 1.0, 10000.0),
         priority_parameter(
             'SCHED_FIFO priority of the loop thread and of those that receive and send messages, '
             'callbacks one below, where allowed; 0 = off'
         ),
-        Parameter('lock_memory', Kind.BOOL, False, 'keep all pages in memory (mlockall)'),
-        Parameter(
+        parameter('lock_memory', False, 'keep all pages in memory (mlockall)'),
+        parameter(
             'cpu_affinity',
-            Kind.INTEGER,
             -1,
             'core to which the loop thread is pinned; -1 = any',
             '',
             -1,
             1023,
         ),
-        Parameter(
+        parameter(
             'diagnostics.threshold.load',
-            Kind.DOUBLE,
-            SHARE,
+            LOAD_SHARE,
             'share of a core that the loop takes, of a period after which half of its ticks end, '
             'or of the cores that all real-time threads fill: above it the loop warns, and gives '
             'up its priority until the machine carries it again',
@@ -112,9 +106,8 @@ def loop_parameters() -> tuple[Parameter, ...]:
             1.0,
             live=True,
         ),
-        Parameter(
+        parameter(
             'diagnostics.threshold.late_share',
-            Kind.DOUBLE,
             0.02,
             'share of late ticks (by more than half a period) above which the loop warns',
             '',
@@ -127,14 +120,13 @@ def loop_parameters() -> tuple[Parameter, ...]:
 
 def priority_parameter(meaning: str) -> Parameter:
     """Return the row of a node whose threads may have a priority."""
-    return Parameter('thread_priority', Kind.INTEGER, 0, meaning, '', 0, 99)
+    return parameter('thread_priority', 0, meaning, '', 0, 99)
 
 
 def publishers_parameter() -> Parameter:
     """Return the row of every node that has inputs."""
-    return Parameter(
+    return parameter(
         'max_publishers',
-        Kind.INTEGER,
         1,
         'largest number of publishers that may be active on an input topic; with more, all its'
         ' messages are rejected',
@@ -147,9 +139,8 @@ def publishers_parameter() -> Parameter:
 def input_parameters() -> tuple[Parameter, ...]:
     """Return the rows of every node that listens to joints and reference."""
     return (
-        Parameter(
+        parameter(
             'joint_state_timeout',
-            Kind.DOUBLE,
             0.05,
             'age on the steady clock after which joint states are stale',
             's',
@@ -157,9 +148,8 @@ def input_parameters() -> tuple[Parameter, ...]:
             positive=True,
             live=True,
         ),
-        Parameter(
+        parameter(
             'reference_timeout',
-            Kind.DOUBLE,
             0.2,
             'age after which a streamed reference is stale',
             's',
@@ -174,9 +164,8 @@ def input_parameters() -> tuple[Parameter, ...]:
 def base_parameters() -> tuple[Parameter, ...]:
     """Return the rows of every node that listens to the motion of the robot's base."""
     return (
-        Parameter(
+        parameter(
             'base_motion',
-            Kind.STRING,
             'off',
             'messages on `base_motion`: odometry (nav_msgs/Odometry, differentiated), '
             'odometry_accel (with geometry_msgs/AccelStamped on `base_acceleration`), accel '
@@ -184,27 +173,24 @@ def base_parameters() -> tuple[Parameter, ...]:
             '(sensor_msgs/Imu); off: the base is at rest',
             choices=SOURCES,
         ),
-        Parameter(
+        parameter(
             'base_motion_timeout',
-            Kind.DOUBLE,
             0.1,
             "age after which the base's motion is stale",
             's',
             maximum=10.0,
             positive=True,
         ),
-        Parameter(
+        parameter(
             'base_motion_cutoff',
-            Kind.DOUBLE,
             20.0,
             "bandwidth of the low-pass filter on the base's differentiated rates",
             'Hz',
             positive=True,
         ),
         *(
-            Parameter(
+            parameter(
                 f'base_{what}_limit',
-                Kind.DOUBLE,
                 most,
                 f'largest {text} of the base; a message beyond that is refused',
                 unit,
@@ -212,19 +198,19 @@ def base_parameters() -> tuple[Parameter, ...]:
             )
             for what, text, most, unit in BASE_LIMITS
         ),
-        Parameter(
+        parameter(
             'base_imu_xyz',
-            Kind.DOUBLES,
             [0.0, 0.0, 0.0],
             'place of the IMU in the base frame (`base_motion: imu` only)',
             'm',
+            kind=Kind.DOUBLES,
         ),
-        Parameter(
+        parameter(
             'base_imu_rpy',
-            Kind.DOUBLES,
             [0.0, 0.0, 0.0],
             'roll, pitch and yaw of its axes there',
             'rad',
+            kind=Kind.DOUBLES,
         ),
     )
 
@@ -232,26 +218,23 @@ def base_parameters() -> tuple[Parameter, ...]:
 def range_parameters() -> tuple[Parameter, ...]:
     """Return the rows of every node that refuses motions its robot cannot have."""
     return (
-        Parameter(
+        parameter(
             'position_margin',
-            Kind.DOUBLE,
             1.0,
             "how far a position may exceed the URDF's limits; a message beyond that is refused",
             'rad, m',
             0.0,
         ),
-        Parameter(
+        parameter(
             'position_limit',
-            Kind.DOUBLE,
             1e6,
             'largest position of any joint, with or without limits',
             'rad, m',
             maximum=1e9,
             positive=True,
         ),
-        Parameter(
+        parameter(
             'velocity_factor',
-            Kind.DOUBLE,
             10.0,
             "largest velocity, as a multiple of the URDF's velocity limit; 10000 for joints "
             'without a limit',

@@ -7,9 +7,8 @@ from dataclasses import dataclass, field
 
 from denoc_ros.runtime.clocks import SimulatedClock
 from denoc_ros.runtime.input_monitor import InputMonitor
-from denoc_ros.runtime.load import LoopLoad
 from denoc_ros.runtime.realtime import refusals
-from denoc_ros.runtime.timing import HISTOGRAM_EDGES, LoopStatistics
+from denoc_ros.runtime.timing import HISTOGRAM_EDGES, LoopLoad, LoopStatistics
 
 SILENT_CLOCK = 5.0  # s of wall time without a message of /clock
 # DiagnosticStatus.level is bytes

@@ -4,89 +4,82 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from denoc_ros.runtime.parameters import Kind, Parameter, ParameterTable
+from denoc_ros.runtime.parameters import ParameterTable
 from denoc_ros.runtime.shared_parameters import (
     lifecycle_parameters,
     publishers_parameter,
     robot_parameters,
 )
+from denoc_ros.settings import Kind, parameter
 
 TABLE = ParameterTable(
     [
         *lifecycle_parameters(),
         # the page is built for one model
         *(replace(row, live=False) for row in robot_parameters()),
-        Parameter(
+        parameter(
             'host',
-            Kind.STRING,
             '127.0.0.1',
             'interface that serves the page; beyond loopback, everybody who reaches it can watch',
         ),
-        Parameter(
+        parameter(
             'origins',
-            Kind.STRINGS,
             [],
             "host names of other web pages that may open this page's socket; this machine may",
+            kind=Kind.STRINGS,
         ),
-        Parameter('port', Kind.INTEGER, 8080, 'port of the page; 0: a free one', '', 0, 65535),
-        Parameter(
+        parameter('port', 8080, 'port of the page; 0: a free one', '', 0, 65535),
+        parameter(
             'rate',
-            Kind.DOUBLE,
             30.0,
             'largest number of frames drawn per second; fewer if drawing takes more than `share`',
             'Hz',
             1.0,
             60.0,
         ),
-        Parameter(
+        parameter(
             'share',
-            Kind.DOUBLE,
             0.25,
             'share of a core above which the process draws less often',
             '',
             maximum=1.0,
             positive=True,
         ),
-        Parameter(
+        parameter(
             'niceness',
-            Kind.INTEGER,
             10,
             'nice value of the process: the higher, the lower its priority',
             '',
             0,
             19,
         ),
-        Parameter(
+        parameter(
             'deflection_scale',
-            Kind.DOUBLE,
             1.0,
             'factor that enlarges the drawn deflection at first; the page has a slider',
             '',
             1.0,
             100.0,
         ),
-        Parameter(
+        parameter(
             'state_topics',
-            Kind.STRINGS,
             ['predictor/modal_state', 'plant/true_modal_state', 'joint_states'],
             'topics with the state of the robot: the first fresh one is drawn, the charts show'
             ' the deflection of all',
+            kind=Kind.STRINGS,
         ),
-        Parameter(
+        parameter(
             'effort_topic',
-            Kind.STRING,
             'feedforward/effort',
             'topic of the drawn torque; if empty or silent: the effort of `state_topics`',
         ),
-        Parameter(
+        parameter(
             'residual_topic',
-            Kind.STRING,
             'predictor/sensor_residual',
             'topic of the charted residuals (measured minus predicted); empty: none',
         ),
-        Parameter(
+        parameter(
             'timeout',
-            Kind.DOUBLE,
             0.5,
             "age after which a topic's last message is no longer drawn",
             's',

@@ -20,7 +20,7 @@ from denoc_ros.dynamics.deflection import TipDeflections
 from denoc_ros.dynamics.measured_side import MeasuredStates
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.output_files import require_new, whole_file
-from denoc_ros.simulation.run import Run
+from denoc_ros.simulation.simulate import Run
 from denoc_ros.trajectories import Trajectory
 from denoc_ros.types import Array
 

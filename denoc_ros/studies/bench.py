@@ -14,8 +14,8 @@ from itertools import chain
 from pathlib import Path
 from typing import Any
 
+from denoc_ros.cli.arguments import add_json
 from denoc_ros.cli.config import find_file
-from denoc_ros.cli.verbs import VERBS
 from denoc_ros.studies.benchmarks import batches, derivatives, growth, loading, loops, rigid
 from denoc_ros.studies.benchmarks.limits import Account, accounts
 from denoc_ros.studies.benchmarks.results import BenchLine
@@ -28,19 +28,15 @@ GROUPS = (
 SSRMS = 'config/robots/ssrms.urdf'
 WRONG = 2
 LARGEST = 5  # kernels that are named with their share of the operations
+DESCRIPTION = (
+    'Check the results of the dynamics against Pinocchio and dense solutions, then time both in '
+    'turn in this process. The result is their ratios. Exit status 2 if a result is wrong; '
+    'speed never changes it.'
+)
 
 
-def add_parser(subparsers: Any) -> None:
+def add_options(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
-    parser = subparsers.add_parser(
-        'bench',
-        help=VERBS['bench'],
-        description=(
-            'Check the results of the dynamics against Pinocchio and dense solutions, then '
-            'time both in turn in this process. The result is their ratios. Exit status 2 if a'
-            ' result is wrong; speed never changes it.'
-        ),
-    )
     parser.add_argument(
         '--only',
         nargs='+',
@@ -53,7 +49,7 @@ def add_parser(subparsers: Any) -> None:
         action='store_true',
         help='check everything with less work, in seconds; times and limits then mean nothing',
     )
-    parser.add_argument('--json', action='store_true', help='print machine-readable JSON')
+    add_json(parser)
 
 
 def run(args: argparse.Namespace) -> int:

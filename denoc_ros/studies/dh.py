@@ -5,12 +5,11 @@ from __future__ import annotations
 import argparse
 import math
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from lxml import etree
 
-from denoc_ros.cli.verbs import VERBS
+from denoc_ros.cli.config import find_file
 from denoc_ros.model.findings import Element
 from denoc_ros.model.poses import number_text, rpy_of
 from denoc_ros.model.urdf import load_tree
@@ -18,11 +17,16 @@ from denoc_ros.output_files import write_new
 from denoc_ros.studies.dh_system import DHLink, DHPoint, DHSystem, load_system
 from denoc_ros.types import Array
 
+DESCRIPTION = 'Write the robot of a Denavit-Hartenberg table as a URDF with flexible links.'
 
-def add_parser(subparsers: Any) -> None:
-    """Add the verb to the parsers of `denoc`."""
-    parser: argparse.ArgumentParser = subparsers.add_parser('dh', help=VERBS['dh'])
-    parser.add_argument('table', help='YAML file with one system, or with several by name')
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Declare the verb's arguments."""
+    parser.add_argument(
+        'table',
+        help='YAML file with one system, or with several by name; '
+        'one that is not here is looked for where the package is installed',
+    )
     parser.add_argument('-o', '--output', required=True, help='the URDF to write, a new file')
     parser.add_argument('--system', help='name of the system, for a file with several')
     parser.add_argument(
@@ -51,7 +55,9 @@ def run(args: argparse.Namespace) -> int:
     ModelError
         If the table's robot is not possible.
     """
-    system = load_system(args.table, args.system, args.kinds)
+    system = load_system(
+        find_file(Path(args.table), Path()) or args.table, args.system, args.kinds
+    )
     text = urdf_text(system)
     tree = load_tree(text)
     write_new(Path(args.output), text)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-import json
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -13,9 +12,11 @@ from typing import Any
 import numpy as np
 from scipy.stats import binom
 
+from denoc_ros.cli.arguments import add_json
 from denoc_ros.cli.batch import FAILURE, add_worker_options, run_batch, worker_config
-from denoc_ros.cli.exit_statuses import DOUBTFUL
-from denoc_ros.cli.verbs import ACTIONS
+from denoc_ros.cli.identify_options import Action
+from denoc_ros.cli.verb_result import VerbResult
+from denoc_ros.cli.verbs import DOUBTFUL
 from denoc_ros.errors import IdentificationError
 from denoc_ros.identification.fit import fit_modes
 from denoc_ros.identification.modes import Modes
@@ -282,26 +283,16 @@ def selftest(
 CHANCE_OF_SHORT = 1e-4  # that a short self-test fails estimators that are just good enough
 
 
-def add_actions(actions: Any) -> None:
-    """Declare the action's arguments."""
-    parser = actions.add_parser(
-        'selftest',
-        help=ACTIONS['selftest'],
-        description=(
-            'Draw decays with known modes and the defects of a bag, identify them, and compare'
-            ' the errors with the required accuracy. Exit status 2 if it is not reached.'
-        ),
-    )
+def _add_selftest(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--full', action='store_true', help='ten times as many records')
     parser.add_argument(
         '--seed', type=int, help='seed, to repeat a run; default: drawn now, and printed'
     )
-    parser.add_argument('--json', action='store_true', help='print machine-readable JSON')
+    add_json(parser)
     add_worker_options(parser)
-    parser.set_defaults(act=run_selftest)
 
 
-def run_selftest(args: argparse.Namespace) -> int:
+def _selftest(args: argparse.Namespace) -> VerbResult:
     """Measure; exit status 2 when a row of the table is not reached."""
     workers = worker_config(args)
 
@@ -314,30 +305,23 @@ def run_selftest(args: argparse.Namespace) -> int:
 
     seed, outcomes = selftest(args.full, args.seed, runner)
     rows = table(outcomes, 0.0 if args.full else CHANCE_OF_SHORT)
-    if args.json:
-        shown = [dataclasses.asdict(row) for row in rows]
-        print(json.dumps({'seed': seed, 'full': args.full, 'rows': shown}, indent=2))
-    else:
-        print(f'seed {seed}')
-        print(
-            text_table(
-                [
-                    {
-                        'condition': row.condition,
-                        'records': row.records,
-                        'found': _percent(row.found),
-                        'within': _percent(row.within),
-                        'median error': f'{100.0 * row.median:.2g} %',
-                        'with spurious': row.spurious_records,
-                        'coverage': _percent(row.coverage),
-                        'per record': f'{row.seconds:.2g} s',
-                        'reached': 'yes' if row.passed else 'no',
-                    }
-                    for row in rows
-                ]
-            )
-        )
-    return 0 if all(row.passed for row in rows) else DOUBTFUL
+    shown = [
+        {
+            'condition': row.condition,
+            'records': row.records,
+            'found': _percent(row.found),
+            'within': _percent(row.within),
+            'median error': f'{100.0 * row.median:.2g} %',
+            'with spurious': row.spurious_records,
+            'coverage': _percent(row.coverage),
+            'per record': f'{row.seconds:.2g} s',
+            'reached': 'yes' if row.passed else 'no',
+        }
+        for row in rows
+    ]
+    document = {'seed': seed, 'full': args.full, 'rows': list(map(dataclasses.asdict, rows))}
+    status = 0 if all(row.passed for row in rows) else DOUBTFUL
+    return VerbResult(document, [f'seed {seed}', text_table(shown)], status)
 
 
 def outcome_row(item: tuple[Callable[[Job], Outcome], Job]) -> dict[str, Any]:
@@ -348,3 +332,14 @@ def outcome_row(item: tuple[Callable[[Job], Outcome], Job]) -> dict[str, Any]:
 
 def _percent(part: float) -> str:
     return f'{100.0 * part:.1f} %'
+
+
+DECLARED = (
+    Action(
+        'selftest',
+        'Draw decays with known modes and the defects of a bag, identify them, and compare the '
+        'errors with the required accuracy. Exit status 2 if it is not reached.',
+        _add_selftest,
+        _selftest,
+    ),
+)

@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import argparse
-import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from denoc_ros.cli.arguments import given_file
-from denoc_ros.cli.exit_statuses import DOUBTFUL
+from denoc_ros.cli.arguments import add_json, given_file
 from denoc_ros.cli.progress import share_bar
-from denoc_ros.cli.scenario_runs import load
-from denoc_ros.cli.verbs import VERBS
+from denoc_ros.cli.simulate import load
+from denoc_ros.cli.verb_result import VerbResult
+from denoc_ros.cli.verbs import DOUBTFUL
 from denoc_ros.output_files import write_text
 from denoc_ros.reports.figures import (
     PHASE_COLOURS,
@@ -39,20 +38,17 @@ from denoc_ros.studies.stability_study import (
 )
 from denoc_ros.types import Array
 
+DESCRIPTION = (
+    'Integrate a scenario twice, with forward dynamics by the recursion and by a Cholesky '
+    'factor of the inertia matrix, and write one HTML page: deviation, power difference and '
+    "roughness of the accelerations (the book's section 7.1), processor times, and the growth "
+    'rate of small errors in the motion itself. Exit status 2: the recursion leaves the '
+    'solution before the end.'
+)
 
-def add_parser(subparsers: Any) -> None:
+
+def add_options(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
-    parser = subparsers.add_parser(
-        'stability',
-        help=VERBS['stability'],
-        description=(
-            'Integrate a scenario twice, with forward dynamics by the recursion and by a '
-            'Cholesky factor of the inertia matrix, and write one HTML page: deviation, power '
-            "difference and roughness of the accelerations (the book's section 7.1), processor"
-            ' times, and the growth rate of small errors in the motion itself. Exit status 2: '
-            'the recursion leaves the solution before the end.'
-        ),
-    )
     parser.add_argument('robot', help='the URDF file')
     parser.add_argument(
         'scenario', help='a YAML file with torques, such as config/scenarios/stability_*.yaml'
@@ -65,11 +61,11 @@ def add_parser(subparsers: Any) -> None:
         default=Path('stability.html'),
         help='file of the page; default: stability.html here',
     )
-    parser.add_argument('--json', action='store_true', help='print the numbers as JSON')
+    add_json(parser)
 
 
-def run(args: argparse.Namespace) -> int:
-    """Run the verb and return the exit status; errors are raised."""
+def run(args: argparse.Namespace) -> VerbResult:
+    """Study the scenario and write the page; errors are raised."""
     robot, scenario, _ = load(args.robot, args.scenario)
     with share_bar(quiet=args.json) as bar:
         study = study_stability(robot, scenario, bar.update)
@@ -79,12 +75,8 @@ def run(args: argparse.Namespace) -> int:
     made = provenance(args.command, {name: named_file(file) for name, file in given})
     shown = page(study, scenario, ' · '.join(names.values()), made)
     write_text(args.output, shown.html())
-    if args.json:
-        named = {'output': str(args.output), **names, **summary}
-        print(json.dumps(named, indent=2, allow_nan=False))
-    else:
-        _print(args.output, summary)
-    return 0 if study.acceptable else DOUBTFUL
+    named = {'output': str(args.output), **names, **summary}
+    return VerbResult(named, _lines(named), 0 if study.acceptable else DOUBTFUL)
 
 
 def summarize(study: Study, scenario: Scenario) -> dict[str, Any]:
@@ -139,16 +131,17 @@ def _by_joint(study: Study, values: Any) -> dict[str, float]:
     return {name: float(value) for name, value in zip(study.joint_names, values, strict=True)}
 
 
-def _print(output: Path, summary: dict[str, Any]) -> None:
+def _lines(summary: Mapping[str, Any]) -> Iterator[str]:
+    """Yield the figures of a study for a terminal."""
     runs = summary['algorithms'].items()
-    print(
-        f'{output}: {summary["duration_s"]:g} s, {summary["method"]}, '
+    yield (
+        f'{summary["output"]}: {summary["duration_s"]:g} s, {summary["method"]}, '
         f'tolerance {summary["tolerance"]:g}'
     )
     for name, one in runs:
         accepted = min(one['acceptable_s'].values())
         deviation = max(one['largest_deviation'].values())
-        print(
+        yield (
             f'  {name}: acceptable to {accepted:.4g} s, largest deviation {deviation:.2g}, power '
             f'difference {one["largest_power_difference_W"]:.2g} of '
             f'{summary["largest_power_W"]:.3g} W, {one["evaluations"]} evaluations, '
@@ -156,8 +149,8 @@ def _print(output: Path, summary: dict[str, Any]) -> None:
             f'{one["forward_dynamics_us"]:.3g} us'
         )
         if one['failure']:
-            print(f'    {one["failure"]}')
-    print(
+            yield f'    {one["failure"]}'
+    yield (
         f'  algorithms differ by {summary["difference_of_algorithms"]:.2g}; small errors grow at '
         f'up to {summary["largest_growth_per_s"]:.3g} /s (t = '
         f'{summary["largest_growth_at_s"]:.3g} s); condition number up to '

@@ -9,14 +9,15 @@ import sys
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
-if not (HERE.parent / 'site').samefile(HERE) or not (HERE.parents[1] / 'package.xml').is_file():
+if HERE.name != 'site' or not (HERE.parents[1] / 'package.xml').is_file():
     copied_from = re.search(r'exec\(open\("(.+?)"\)', Path(__file__).read_text(encoding='utf-8'))
     assert copied_from is not None, f'{__file__}: a conf.py of rosdoc2 must name its original'
     HERE = Path(copied_from[1]).parent
 sys.path[:0] = [str(HERE), str(HERE.parents[1])]
 
 # what docs.ros.org has no package of: autodoc stands in for it, and no example runs there
-NEEDED = ('numba', 'llvmlite', 'yourdfpy', 'mcap', 'zstandard', 'rosbags', 'trimesh')
+NEEDED = ('numba', 'llvmlite', 'yourdfpy', 'mcap', 'zstandard', 'rosbags', 'trimesh', 'clarabel')
+NEEDED += ('lz4', 'ruamel', 'rich', 'websockets', 'skfem', 'pytetwild', 'pymetis', 'meshio')
 NEEDED += ('viser', 'imageio_ffmpeg', 'distributed', 'pyarrow', 'control', 'openpyxl', 'mujoco')
 autodoc_mock_imports = [name for name in NEEDED if importlib.util.find_spec(name) is None]
 # kernels are made by numba as they are imported

@@ -15,11 +15,10 @@ import xml.etree.ElementTree as ElementTree
 from functools import cache
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from docutils import nodes
 from docutils.utils.math.latex2mathml import tex2mathml
-from notebook_runs import Ran, run_example, run_notebook
 from sphinx.application import Sphinx
 from sphinx.config import Config
 from sphinx.ext.autodoc.mock import mock
@@ -27,6 +26,9 @@ from sphinx.pycode import ModuleAnalyzer
 
 import denoc_ros
 from denoc_ros.cli.main import VERBS, build_parser
+
+if TYPE_CHECKING:
+    from notebook_runs import Ran
 
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGE = ROOT / 'denoc_ros'
@@ -123,6 +125,9 @@ def write_index(folder: Path, with_runs: bool) -> None:
 
 def run_all(folder: Path, extra: Path) -> list[Ran]:
     """Run all examples and notebooks in the repository's folder; write their pictures."""
+    # docs.ros.org, which runs none, has no jupytext
+    from notebook_runs import run_example, run_notebook
+
     here = Path.cwd()
     os.chdir(ROOT)
     try:
@@ -185,7 +190,10 @@ def write_reference(folder: Path) -> None:
     names = denoc_ros.__all__
     lines = titled('Python') + [
         'The public names of ``import denoc_ros as dn``. The pages of the packages have all that '
-        'is under them.',
+        'is under them. Left out on purpose, as nobody calls them: the compiled kernels, the '
+        'nodes and their runtime, whose topics, services and parameters are in '
+        ':doc:`../docs/nodes`, and the code of the commands, whose options are in '
+        ':doc:`commands`.',
         '',
         '.. autosummary::',
         '   :nosignatures:',

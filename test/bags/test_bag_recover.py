@@ -12,7 +12,6 @@ import signal
 import subprocess
 import sys
 import time
-from argparse import ArgumentParser
 from pathlib import Path
 
 import numpy as np
@@ -24,7 +23,7 @@ from denoc_ros.bags.reader import read_attachment, read_bag
 from denoc_ros.bags.recover import recover
 from denoc_ros.bags.storage import CompleteRecords
 from denoc_ros.bags.writer import BagWriter
-from denoc_ros.cli import recover as recover_verb
+from denoc_ros.cli.main import main
 from denoc_ros.errors import BagError
 
 JOINT_STATE = 'sensor_msgs/msg/JointState'
@@ -178,14 +177,11 @@ def test_unwritable_output_is_a_clear_error(tmp_path: Path) -> None:
 
 def test_verb_prints_what_it_found(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     run = cut_off_bag(tmp_path)
-    parser = ArgumentParser()
-    recover_verb.add_parser(parser.add_subparsers())
-    assert recover_verb.run(parser.parse_args(['recover', str(run)])) == 0
+    assert main(['recover', str(run)]) == 0
     shown = capsys.readouterr().out
     assert '300 messages in 1 file' in shown
     assert 'run_0.mcap was cut off' in shown
-    args = parser.parse_args(['recover', str(run), '--json', '-o', str(tmp_path / 'x')])
-    assert recover_verb.run(args) == 0
+    assert main(['recover', str(run), '--json', '-o', str(tmp_path / 'x')]) == 0
     row = json.loads(capsys.readouterr().out)
     assert row['topics'] == {'/joint_states': 300}
     assert row['path'] == os.fspath(tmp_path / 'x')

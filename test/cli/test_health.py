@@ -6,9 +6,17 @@ from collections.abc import Callable, Mapping
 
 import pytest
 
-from denoc_ros.cli import health as module
-from denoc_ros.cli.health import BEHIND, HUNG, SILENT, STARVED, STOPPED, Health
-from denoc_ros.cli.processes import Activity, ProcessError
+from denoc_ros.cli import processes as module
+from denoc_ros.cli.processes import (
+    BEHIND,
+    HUNG,
+    SILENT,
+    STARVED,
+    STOPPED,
+    Activity,
+    Health,
+    ProcessError,
+)
 
 RATE = 500  # Hz
 

@@ -20,7 +20,7 @@ from identification_runs import recorded, sweeping
 
 import denoc_ros as dn
 from denoc_ros.cli.batch import FAILURE, RowStore
-from denoc_ros.cli.identify_fleet import model_rows
+from denoc_ros.cli.identify_model import model_options, model_rows
 from denoc_ros.cli.main import build_parser, main
 
 ROBOT = Path(__file__).resolve().parents[2] / 'config' / 'robots' / 'rigid_pendulum.urdf'
@@ -105,7 +105,8 @@ def test_a_worker_killed_half_way_loses_no_row(
         assert [w.pid for w in workers if w.poll() is not None] == [victim]
     assert found == [0]
     require_each_damping(json.loads(capsys.readouterr().out)['rows'])
-    store = RowStore(tmp_path / 'rows', model_rows(build_parser(told).parse_args(told)).columns)
+    options = model_options(build_parser(told).parse_args(told))
+    store = RowStore(tmp_path / 'rows', model_rows(options).columns)
     assert len(store.rows()) == len(DAMPING)
 
 

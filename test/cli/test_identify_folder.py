@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from denoc_ros.cli.identify_modal import recordings
+from denoc_ros.cli.identify_rows import recordings
 from denoc_ros.cli.main import main
 from denoc_ros.errors import BagError
 from denoc_ros.studies.synthetic import Defects, Truth, synthetic_decay

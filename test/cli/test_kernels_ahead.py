@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 import denoc_ros
-from denoc_ros.cli import kernels_ahead
+from denoc_ros.cli import warmup
 from denoc_ros.errors import DenocError
 
 COUNTED = 'denoc_ros.studies.benchmarks.operations'  # wraps kernels in classes that count
@@ -24,21 +24,21 @@ def named(kernels: Sequence[Any]) -> list[str]:
 
 
 def test_heavy_kernels_are_at_both_ends() -> None:
-    found = named(kernels_ahead.kernels(loops=False, plans=True))
-    assert {found[0], found[-1]} <= set(kernels_ahead.HEAVY)
+    found = named(warmup.kernels(loops=False, plans=True))
+    assert {found[0], found[-1]} <= set(warmup.HEAVY)
     assert len(found) == len(set(found))
 
 
 def test_a_session_needs_what_is_compiled_ahead_of_all() -> None:
-    every = kernels_ahead.all_kernels()
+    every = warmup.all_kernels()
     for loops, plans in product((False, True), repeat=2):
-        assert set(kernels_ahead.kernels(loops, plans)) <= set(kernels_ahead.all_kernels(loops))
-    assert set(kernels_ahead.all_kernels(loops=False)) < set(every)
+        assert set(warmup.kernels(loops, plans)) <= set(warmup.all_kernels(loops))
+    assert set(warmup.all_kernels(loops=False)) < set(every)
 
 
 def test_python_calls_no_compiled_function_that_warmup_leaves_out() -> None:
     """What any module of the package can call is among what `denoc warmup` compiles."""
-    every = set(kernels_ahead.all_kernels())
+    every = set(warmup.all_kernels())
     called, seen = set(), 0
     for module in pkgutil.walk_packages(denoc_ros.__path__, 'denoc_ros.'):
         if module.name.startswith(('denoc_ros.kernels.', 'denoc_ros.studies.')):
@@ -75,31 +75,31 @@ def from_kernels(tree: ast.AST) -> Iterator[tuple[str, str]]:
 
 
 def test_nothing_is_expected_once_all_are_compiled() -> None:
-    wanted = kernels_ahead.kernels(loops=False, plans=False)
-    kernels_ahead.compile_all(wanted)
-    assert kernels_ahead.estimate(wanted) == 0.0
-    assert kernels_ahead.measured_speed(wanted) == 1.0
+    wanted = warmup.kernels(loops=False, plans=False)
+    warmup.compile_all(wanted)
+    assert warmup.estimate(wanted) == 0.0
+    assert warmup.measured_speed(wanted) == 1.0
 
 
 def test_a_slow_machine_is_told_a_longer_time(monkeypatch: pytest.MonkeyPatch) -> None:
-    wanted = kernels_ahead.kernels(loops=False, plans=False)
-    monkeypatch.setattr(kernels_ahead, 'missing', lambda wanted: list(wanted))
-    fast, slow = (kernels_ahead.estimate(wanted, speed) for speed in (1.0, 0.5))
-    own = kernels_ahead.LOADING
+    wanted = warmup.kernels(loops=False, plans=False)
+    monkeypatch.setattr(warmup, 'missing', lambda wanted: list(wanted))
+    fast, slow = (warmup.estimate(wanted, speed) for speed in (1.0, 0.5))
+    own = warmup.LOADING
     assert slow - own == pytest.approx(2.0 * (fast - own))
-    assert kernels_ahead.counted(wanted[:1]) == '1 kernel'
-    assert kernels_ahead.counted(wanted[:2]) == '2 kernels'
+    assert warmup.counted(wanted[:1]) == '1 kernel'
+    assert warmup.counted(wanted[:2]) == '2 kernels'
 
 
 def test_a_process_that_fails_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    wanted = kernels_ahead.kernels(loops=False, plans=False)
+    wanted = warmup.kernels(loops=False, plans=False)
     monkeypatch.setattr('sys.executable', 'false')
     with pytest.raises(DenocError, match='compilation must succeed, got exit status 1'):
-        kernels_ahead.compile_all(wanted)
+        warmup.compile_all(wanted)
     # and what watches may end the wait
     monkeypatch.undo()
     with pytest.raises(InterruptedError):
-        kernels_ahead.compile_all(wanted, watch=interrupt)
+        warmup.compile_all(wanted, watch=interrupt)
 
 
 def interrupt() -> None:

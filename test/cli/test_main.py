@@ -19,7 +19,8 @@ from denoc_ros.errors import ConfigError, StateError
 def fake_verb(run: Callable[[argparse.Namespace], int]) -> types.ModuleType:
     module = types.ModuleType('fake')
     module.__dict__['run'] = run
-    module.__dict__['add_parser'] = lambda subparsers: subparsers.add_parser('check')
+    module.__dict__['DESCRIPTION'] = ''
+    module.__dict__['add_options'] = lambda _parser: None
     return module
 
 
@@ -71,6 +72,25 @@ def test_an_interrupt_in_code_from_a_string_is_one_like_any(tmp_path: Path, verb
     command = [sys.executable, '-m', 'interrupted', verb, 'robot']
     run = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=120)
     assert (run.returncode, run.stderr) == (130, f'denoc {verb}: interrupted\n')
+
+
+def test_an_interrupt_that_an_import_swallows_ends_the_command(tmp_path: Path) -> None:
+    (tmp_path / 'swallowing.py').write_text(
+        'import importlib, signal, sys\n'
+        'from denoc_ros.cli import main as frame\n'
+        'importing = importlib.import_module\n'
+        'def swallow(name):\n'
+        '    try:\n'
+        '        signal.raise_signal(signal.SIGINT)\n'
+        '    except BaseException:\n'
+        '        pass\n'
+        '    return importing(name)\n'
+        'importlib.import_module = swallow\n'
+        'sys.exit(frame.main())\n'
+    )
+    command = [sys.executable, '-m', 'swallowing', 'check', 'robot']
+    run = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=120)
+    assert (run.returncode, run.stderr) == (130, 'denoc check: interrupted\n')
 
 
 def test_status_of_a_verb_is_the_exit_status(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -10,7 +10,7 @@ import pyarrow.parquet as parquet
 import pytest
 
 from denoc_ros.cli.main import main
-from denoc_ros.cli.monte_carlo import draw, read_ranges
+from denoc_ros.cli.simulate import draw, read_ranges
 from denoc_ros.errors import ConfigError
 
 RANGES = {'beam.link_1.y.ei': (300.0, 400.0), 'joint.joint_1.damping': (0.0, 1.0)}

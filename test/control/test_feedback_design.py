@@ -143,9 +143,9 @@ def test_loop_that_a_soft_model_would_drive_unstable_is_refused_with_numbers() -
     ('change', 'message'),
     [
         ({'tip': 'nose'}, "tip must be one of base, .*, got 'nose'"),
-        ({'tip_error': 0.0}, 'tip_error must be > 0, got 0.0'),
+        ({'tip_error': 0.0}, 'tip_error must be > 0 m, got 0.0'),
         ({'delay': -1.0}, 'delay must be >= 0 s, got -1.0'),
-        ({'limit': 2.0}, r'limit must be in \(0, 1\], got 2.0'),
+        ({'limit': 2.0}, 'limit must be > 0, <= 1, got 2.0'),
     ],
 )
 def test_wrong_settings_are_refused(change: dict[str, float], message: str) -> None:

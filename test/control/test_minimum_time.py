@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
-import toppra
 from control_runs import ROBOTS, cycloid
-from scipy.interpolate import CubicSpline
-from toppra import algorithm, constraint
+from timed_paths import rigid_arm
 
 import denoc_ros as dn
 from denoc_ros.control.limit_rows import LimitRows, Moments, motion_limits
@@ -16,7 +16,6 @@ from denoc_ros.control.timing import Timing, TimingBasis
 TIMES = np.linspace(0.0, 10.0, 201)
 CANADARM = cycloid(np.radians([10.0, 40.0, 30.0]), np.radians([60.0, 45.0, 30.0]), 10.0)
 EFFORT = {'joint_1': 1500.0, 'joint_2': 700.0, 'joint_3': 180.0}
-SHARES = np.array([0.4, 0.5, 0.5, 0.1, 0.1, 0.1])  # of the UR10's efforts
 
 
 @pytest.fixture(scope='module')
@@ -29,30 +28,19 @@ def plan(canadarm: dn.Robot) -> dn.Plan:
     return dn.shape_motion(canadarm, TIMES, CANADARM(TIMES), effort=EFFORT, time='minimum')
 
 
-def test_a_rigid_robot_takes_the_time_of_toppra() -> None:
-    robot = dn.load_robot(ROBOTS / 'ur10.urdf')
-    joints = [body.joint for body in robot.tree.bodies if body.joint is not None]
-    effort = SHARES * [joint.limits.effort for joint in joints]
-    velocity = np.array([joint.limits.velocity for joint in joints])
-    way = np.random.default_rng(2).uniform(-1.0, 1.0, (5, 6))
-    share = cycloid(np.zeros(1), np.ones(1), 10.0)(TIMES)[:, 0]
-    path = CubicSpline(np.linspace(0.0, 1.0, 5), way)
-    plan = dn.shape_motion(robot, TIMES, path(share), effort=effort, time='minimum')
-    limits = [
-        constraint.JointVelocityConstraint(np.stack([-velocity, velocity], 1)),
-        constraint.JointTorqueConstraint(
-            robot.inverse_dynamics,
-            np.stack([-effort, effort], 1),
-            np.zeros(6),
-            discretization_scheme=constraint.DiscretizationType.Interpolation,
-        ),
-    ]
-    theirs = algorithm.TOPPRA(
-        limits, toppra.SplineInterpolator(np.linspace(0.0, 1.0, 5), way), np.linspace(0, 1, 301)
-    ).compute_trajectory(0, 0)
-    assert plan.t[-1] == pytest.approx(theirs.duration, rel=0.01)
-    assert (np.abs(plan.torque) <= 1.001 * effort).all()
-    assert (np.abs(plan.qd) <= 1.001 * velocity).all()
+@pytest.mark.parametrize(('name', 'seed'), [('ur10', 2), ('panda', 0)])
+def test_a_rigid_robot_takes_the_time_of_toppra(name: str, seed: int) -> None:
+    arm = rigid_arm(name)
+    plan = arm.fastest(seed)
+    assert plan.t[-1] == pytest.approx(arm.toppra_duration(seed), rel=0.01)
+    assert arm.largest_share(plan) <= 1.001
+
+
+def test_friction_makes_a_rigid_robot_no_slower_than_toppra() -> None:
+    arm = rigid_arm('ur10', friction=True)
+    plan = arm.fastest(1)
+    assert plan.t[-1] <= arm.toppra_duration(1)
+    assert arm.largest_share(plan) <= 1.001
 
 
 def test_a_flexible_arm_is_a_fifth_faster_than_stretched_as_a_whole(
@@ -93,20 +81,51 @@ def test_the_best_plan_so_far_is_returned_when_asked_to_stop(canadarm: dn.Robot)
     assert max(found.limits.largest.values()) <= 1.001
 
 
-def test_limits_that_cannot_be_kept_or_do_not_bind_are_errors(canadarm: dn.Robot) -> None:
-    robot = dn.load_robot(ROBOTS / 'two_link_ff.urdf', gravity=(0, -9.81, 0))
-    way = cycloid(np.array([0.3, 0.6]), np.array([0.8, 1.0]), 10.0)(TIMES)
-    with pytest.raises(dn.SolverError, match='joint_1 must keep its limit of effort at rest'):
-        dn.shape_motion(robot, TIMES, way, effort=20.0, time='minimum')
-    with pytest.raises(dn.StateError, match='minimum time needs a limit'):
-        dn.shape_motion(
-            canadarm, TIMES, CANADARM(TIMES), time='minimum', velocity=np.inf, effort=np.inf
-        )
-    for bad in (0.0, np.nan):
-        with pytest.raises(dn.StateError, match='effort must be > 0'):
-            dn.shape_motion(canadarm, TIMES, CANADARM(TIMES), effort=bad, time='minimum')
-    with pytest.raises(dn.StateError, match=r'strain .* must come with a <section>'):
-        dn.shape_motion(canadarm, TIMES, CANADARM(TIMES), strain=1e-3, time='minimum')
+REST_TO_REST = cycloid(np.array([0.3, 0.6]), np.array([0.8, 1.0]), 10.0)(TIMES)
+
+
+@pytest.mark.parametrize(
+    ('given', 'message'),
+    [
+        ({'effort': 20.0, 'gravity': -9.81}, 'joint_1 must keep its limit of effort at rest'),
+        ({'effort': np.inf, 'velocity': np.inf}, 'minimum time needs a limit'),
+        ({'effort': 0.0}, 'effort must be > 0, got'),
+        ({'effort': np.nan}, 'effort must be > 0, got'),
+        ({'effort': 'much'}, "effort must have one element, .* got 'much'"),
+        ({'power': np.nan}, 'power must be a number > 0, got nan'),
+        ({'margin': np.nan}, 'margin must be >= 0 and < 1, got nan'),
+        ({'strain': 1e-3}, r'strain .* must come with a <section>'),
+        ({'effort': 1e-3}, r'times that of effort joint_1 in .* that stretch 10 allows'),
+        (
+            {'effort': {'joint_1': 1e6, 'joint_2': 1e-4}},
+            r'times that of effort joint_2 in .* that stretch 10 allows',
+        ),
+        ({'q': np.where(TIMES[:, None] > 5.0, np.nan, 0.6 + REST_TO_REST)}, 'at 5.05 s'),
+        ({'q': np.full((len(TIMES), 2), 0.6)}, 'q_joints must move for minimum time'),
+    ],
+)
+def test_what_has_no_motion_in_minimum_time_is_told(given: dict[str, Any], message: str) -> None:
+    options = dict(given)
+    gravity = (0.0, options.pop('gravity', 0.0), 0.0)
+    q = options.pop('q', REST_TO_REST)
+    arm = dn.load_robot(ROBOTS / 'two_link_ff.urdf', gravity=gravity)
+    with pytest.raises(dn.DenocError, match=message):
+        dn.shape_motion(arm, TIMES, q, time='minimum', **options)
+
+
+@pytest.mark.parametrize('robot', ['two_link_rr', 'two_link_ff'])
+@pytest.mark.parametrize('joint_2', [(0.6, 1.2, 0.4), (0.0, 0.0, 0.0), (-0.6, 0.0, 0.6)])
+def test_kinks_straight_arms_and_singularities_are_passed_within_limits(
+    robot: str, joint_2: tuple[float, float, float]
+) -> None:
+    """A kink is rounded between the rows of the motion, as its spline goes."""
+    arm = dn.load_robot(ROBOTS / f'{robot}.urdf', gravity=(0, 0, 0))
+    share = cycloid(np.zeros(1), np.ones(1), 10.0)(TIMES)[:, 0]
+    rows = [np.interp(share, [0.0, 0.5, 1.0], row) for row in ((0.3, 0.7, 1.1), joint_2)]
+    plan = dn.shape_motion(arm, TIMES, np.stack(rows, 1), effort=50.0, time='minimum')
+    assert plan.limits is not None
+    assert 0.95 <= max(plan.limits.largest.values()) <= 1.001
+    assert plan.tip_error.max() < 5e-5
 
 
 def test_times_of_stations_have_their_derivatives() -> None:

@@ -229,3 +229,17 @@ def test_results_without_a_posture_make_no_table(
     assert main(['identify', 'postures', str(bad), '-o', str(tmp_path / 'modes.yaml')]) == 1
     assert 'result must be of `denoc identify modal` with a posture' in capsys.readouterr().err
     assert not (tmp_path / 'modes.yaml').exists()
+
+
+def test_a_doubtful_mode_makes_no_table_unless_asked_for(
+    measured: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    result = yaml.safe_load((measured.parent / 'result_0' / 'result.yaml').read_text())
+    result['modes'][0]['verdict'] = 'doubtful'
+    doubtful, table = tmp_path / 'result.yaml', str(tmp_path / 'modes.yaml')
+    doubtful.write_text(yaml.safe_dump(result))
+    postures = ['identify', 'postures', str(doubtful), '-o', table]
+    assert main(postures) == 1
+    assert 'doubtful: --doubtful takes them' in capsys.readouterr().err
+    assert main([*postures, '--doubtful']) == 2
+    assert Path(table).exists()

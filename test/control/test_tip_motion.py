@@ -77,7 +77,7 @@ def test_an_unknown_method_or_option_is_refused(canadarm: dn.Robot) -> None:
 def test_bad_motions_are_refused(canadarm: dn.Robot) -> None:
     with pytest.raises(dn.StateError, match=r'times must be .* increase'):
         dn.shape_motion(canadarm, TIMES[::-1], CANADARM(TIMES))
-    with pytest.raises(dn.StateError, match=r'q_joints must be finite and have shape \(501, 3\)'):
+    with pytest.raises(dn.StateError, match=r'q_joints must have shape \(501, 3\)'):
         dn.shape_motion(canadarm, TIMES, CANADARM(TIMES)[:, :2])
     with pytest.raises(dn.StateError, match=r'tip must be different frames of .*nose'):
         dn.shape_motion(canadarm, TIMES, CANADARM(TIMES), tip='nose')

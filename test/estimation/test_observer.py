@@ -13,7 +13,7 @@ import denoc_ros as dn
 from denoc_ros.dynamics.deflection import TipDeflections
 from denoc_ros.estimation.observer import Observer
 from denoc_ros.estimation.observer_settings import ObserverSettings
-from denoc_ros.simulation.run import Run
+from denoc_ros.simulation.simulate import Run
 from denoc_ros.types import Array
 
 DOWN = (0.0, -9.81, 0.0)
@@ -235,10 +235,10 @@ def test_reset_forgets_everything(recording: Recording) -> None:
     ('change', 'message'),
     [
         ({'source': 'gyro'}, "source must be one of joints, torque, got 'gyro'"),
-        ({'cutoff': 0.0}, 'cutoff must be > 0, got 0.0'),
+        ({'cutoff': 0.0}, 'cutoff must be > 0 Hz, got 0.0'),
         ({'horizon': -1.0}, 'horizon must be >= 0 s, got -1.0'),
         ({'horizon_steps': 0}, 'horizon_steps must be >= 1, got 0'),
-        ({'max_age': float('nan')}, 'max_age must be > 0, got nan'),
+        ({'max_age': float('nan')}, 'max_age must be a number > 0 s, got nan'),
     ],
 )
 def test_bad_settings_are_refused(change: dict[str, object], message: str) -> None:

@@ -10,7 +10,7 @@ import denoc_ros as dn
 from denoc_ros.estimation.fusion import FusionSettings
 from denoc_ros.estimation.observer import Observer
 from denoc_ros.estimation.observer_settings import ObserverSettings
-from denoc_ros.simulation.run import Run
+from denoc_ros.simulation.simulate import Run
 from denoc_ros.types import Array
 
 STEP = 2e-3

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from denoc_ros.errors import IdentificationError
-from denoc_ros.identification.compare import compare_results
+from denoc_ros.identification.apply import compare_results
 
 
 def result(*modes: tuple[float, float, float]) -> dict[str, Any]:

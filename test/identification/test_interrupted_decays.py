@@ -17,7 +17,7 @@ from strange_records import (
 )
 
 from denoc_ros.identification.records import Record
-from denoc_ros.identification.windows import decay_window
+from denoc_ros.identification.segments import decay_window
 
 WITHOUT = (free_decay, with_drift, coarse, clipped, two_modes, lossy, quadratic, hardening)
 DRAWS = 240

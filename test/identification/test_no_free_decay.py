@@ -11,12 +11,11 @@ from numpy.typing import NDArray
 from denoc_ros.bags.writer import BagWriter
 from denoc_ros.identification.analysis import analyse_decay
 from denoc_ros.identification.channel import Channel, read_record
+from denoc_ros.identification.components import find_lines, later_start_differs, suspects
 from denoc_ros.identification.damped import Damped, fit_damped
 from denoc_ros.identification.fit import fit_modes
-from denoc_ros.identification.free_decay import later_start_differs
-from denoc_ros.identification.lines import find_lines, suspects
 from denoc_ros.identification.records import Record
-from denoc_ros.identification.windows import decay_window, moving_until, standing_spans
+from denoc_ros.identification.segments import decay_window, moving_until, standing_spans
 
 Floats = NDArray[np.float64]
 RATE, SECONDS = 250.0, 2.5

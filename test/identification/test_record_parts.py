@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from denoc_ros.identification.quality import assess
-from denoc_ros.identification.records import Record
+from denoc_ros.identification.records import Record, assess
 from denoc_ros.identification.segments import find_segments
 from denoc_ros.studies.synthetic import Defects, Truth, synthetic_decay
 

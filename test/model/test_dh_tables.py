@@ -50,8 +50,8 @@ SPATIAL: dict[str, Any] = {
 
 def run_command(*arguments: str) -> int:
     parser = argparse.ArgumentParser()
-    command.add_parser(parser.add_subparsers())
-    return command.run(parser.parse_args(['dh', *arguments]))
+    command.add_options(parser)
+    return command.run(parser.parse_args(arguments))
 
 
 @pytest.mark.parametrize(('robot', 'table', 'kinds'), ROBOTS)
@@ -64,6 +64,14 @@ def test_committed_robots_are_what_the_command_makes(
     committed = CONFIG / 'robots' / f'{robot}.urdf'
     assert made.read_text() == committed.read_text()
     assert load_tree(committed).warnings == ()
+
+
+def test_a_table_that_is_not_here_is_that_of_the_installed_package(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert run_command('dh/puma.yaml', '-o', 'made.urdf') == 0
+    assert Path('made.urdf').read_text() == (CONFIG / 'robots' / 'puma.urdf').read_text()
 
 
 def joint_transform(joint: Joint | None, q: float) -> Array:

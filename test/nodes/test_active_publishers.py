@@ -17,8 +17,8 @@ from std_msgs.msg import Float64
 from denoc_ros.nodes.base import DenocNode
 from denoc_ros.nodes.recorder import Recorder
 from denoc_ros.nodes.robot_node import RobotNode
-from denoc_ros.runtime.active_publishers import LOST, SILENCE, ActivePublishers, Gaps
 from denoc_ros.runtime.conversions import JointStateReader
+from denoc_ros.runtime.input_monitor import LOST, SILENCE, ActivePublishers, Gaps
 from denoc_ros.runtime.parameters import ParameterTable
 from denoc_ros.runtime.shared_parameters import (
     input_parameters,

@@ -15,9 +15,10 @@ from std_srvs.srv import Trigger
 from denoc_ros.errors import ConfigError
 from denoc_ros.nodes.base import DenocNode
 from denoc_ros.runtime.conversions import JointStateReader
-from denoc_ros.runtime.input_error import InputError
-from denoc_ros.runtime.parameters import Kind, Parameter, ParameterTable
+from denoc_ros.runtime.input_monitor import InputError
+from denoc_ros.runtime.parameters import ParameterTable
 from denoc_ros.runtime.shared_parameters import lifecycle_parameters
+from denoc_ros.settings import Kind, Parameter
 
 pytestmark = pytest.mark.ros
 

@@ -13,16 +13,24 @@ from child_processes import child
 from rclpy.duration import Duration
 from std_msgs.msg import String
 
-from denoc_ros.nodes.buffers import BUFFERS, FROM_PROFILES, release_buffers
-from denoc_ros.nodes.sockets import LOCALHOST, PROFILES, RANGE, TRANSPORTS, use_sockets
-from denoc_ros.runtime.heap import CHOSEN, return_large_pieces
+from denoc_ros.nodes.middleware import (
+    BUFFERS,
+    FROM_PROFILES,
+    LOCALHOST,
+    PROFILES,
+    RANGE,
+    TRANSPORTS,
+    release_buffers,
+    use_sockets,
+)
+from denoc_ros.runtime.realtime import CHOSEN, return_large_pieces
 
 FASTRTPS = 'rmw_fastrtps_cpp'
 MESSAGES, SIZE = 200, 50_000  # bytes each: one datagram, so that none waits for its fragments
 HEAP = """
 import ctypes, sys, rclpy
 from denoc_ros.errors import DenocError
-from denoc_ros.nodes.base import EVERY_MESSAGE
+from denoc_ros.nodes.messages import EVERY_MESSAGE
 from denoc_ros.nodes.process import run
 from std_msgs.msg import String
 
@@ -71,7 +79,7 @@ sys.exit(run(keep, [], shared_memory=True))
 PUBLISHER = """
 import sys, time, rclpy
 from denoc_ros.errors import DenocError
-from denoc_ros.nodes.base import STATE
+from denoc_ros.nodes.messages import STATE
 from denoc_ros.nodes.process import run
 from rclpy.duration import Duration
 from std_msgs.msg import String

@@ -14,8 +14,8 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from denoc_ros.dynamics.robot import load_robot
 from denoc_ros.nodes.feedforward import FeedforwardNode
+from denoc_ros.nodes.messages import time_message
 from denoc_ros.nodes.predictor import PredictorNode
-from denoc_ros.nodes.session_client import time_message
 from denoc_ros.types import Array
 
 pytestmark = pytest.mark.ros

@@ -17,7 +17,7 @@ from denoc_ros.dynamics.robot import load_robot
 from denoc_ros.nodes.feedforward import FeedforwardNode
 from denoc_ros.nodes.plant import PlantNode
 from denoc_ros.runtime.conversions import CommandReader
-from denoc_ros.runtime.input_error import InputError
+from denoc_ros.runtime.input_monitor import InputError
 
 pytestmark = pytest.mark.ros
 RATE, RAMP = 200.0, 0.3

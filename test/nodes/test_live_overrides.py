@@ -137,7 +137,7 @@ def test_the_predictor_takes_a_payload_beside_a_change_of_a_beam(graph: Any, urd
     remote = Remote(graph, 'predictor')
     assert remote.give('beam.one.y.ei', 600.0) == ''
     assert remote.give('payload.two.mass', 2.0) == ''
-    graph.until(lambda: node._pending is None)
+    graph.until(lambda: not node._changes)
     expected = load_robot(urdf, gravity=GRAVITY).with_overrides({'beam.one.y.ei': 600.0})
     expected.set_payload('two', 2.0)
     sag = node.observer.robot.static_deflection([0.0, 0.0])

@@ -17,7 +17,7 @@ from denoc_ros.nodes.plant import PlantNode
 from denoc_ros.nodes.predictor import PredictorNode
 from denoc_ros.nodes.recorder import Recorder
 from denoc_ros.nodes.viewer import ViewerNode
-from denoc_ros.runtime.parameter_files import shared_names
+from denoc_ros.runtime.parameters import shared_names
 
 pytestmark = pytest.mark.ros
 CLASSES = {

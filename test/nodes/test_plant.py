@@ -21,7 +21,7 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from denoc_ros.dynamics.robot import load_robot
 from denoc_ros.dynamics.stepper import Stepper
 from denoc_ros.model.plant_description import PlantDescription
-from denoc_ros.nodes.base import LATCHED
+from denoc_ros.nodes.messages import LATCHED
 from denoc_ros.nodes.plant import CATCH_UP, PlantNode
 from denoc_ros.nodes.predictor import PredictorNode
 
@@ -89,7 +89,7 @@ def test_plant_of_segments_keeps_the_description_of_the_model(
     # numbers of whole beams stay live
     (result,) = node.set_parameters([Parameter('beam.one.y.ei', value=2000.0)])
     assert result.successful, result.reason
-    assert node._pending is not None or node.robot.n == truth.n
+    assert node._changes or node.robot.n == truth.n
     (result,) = node.set_parameters([Parameter('segments', value=2)])
     assert not result.successful
 
@@ -307,7 +307,7 @@ def test_a_new_start_is_where_the_next_reset_goes(graph: Any, plant: Any) -> Non
     assert result.successful, result.reason
     (refused,) = node.set_parameters([Parameter('start', value=[0.1])])
     assert "'start' must have 2 elements, got 1" in refused.reason
-    graph.until(lambda: node._pending is None)
+    graph.until(lambda: not node._changes)
     assert abs(states[-1].position[0] - 0.5) < 1e-12
     node._reset()
     graph.until(lambda: np.allclose(states[-1].position, [0.1, -0.2], rtol=0, atol=1e-12))
@@ -387,7 +387,7 @@ def test_a_state_that_no_robot_has_is_said_with_its_instant(graph: Any, urdf: st
     )
     graph.until(lambda: pattern.search(graph.diagnostics['plant: plant'].message))
     node.start[node._index] = 0.1
-    node._reset_wanted = True
+    node.between_ticks(node._place)
     graph.until(lambda: 'diverged' not in graph.diagnostics['plant: plant'].message)
 
 

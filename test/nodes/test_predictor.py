@@ -24,10 +24,10 @@ from visualization_msgs.msg import MarkerArray
 import denoc_ros as dn
 from denoc_ros.dynamics.deflection import TipDeflections
 from denoc_ros.errors import ConfigError
+from denoc_ros.nodes.messages import quaternion
 from denoc_ros.nodes.predictor import PredictorNode
-from denoc_ros.nodes.predictor_outputs import quaternion
 from denoc_ros.runtime.predictor_parameters import TABLE
-from denoc_ros.simulation.run import Run
+from denoc_ros.simulation.simulate import Run
 from denoc_ros.types import Array
 
 pytestmark = pytest.mark.ros
@@ -213,7 +213,7 @@ def test_residual_of_a_sensor_is_measured_minus_predicted_and_can_be_tared(
     # a change of the observer does not cost the tare
     (result,) = node.set_parameters([Parameter('cutoff', value=60.0)])
     assert result.successful, result.reason
-    graph.until(lambda: feed() and node._pending is None)
+    graph.until(lambda: feed() and not node._changes)
     residuals.clear()
     graph.until(feed)
     assert abs(residuals[-1].position[0]) < 1e-7

@@ -131,6 +131,26 @@ def test_whole_motion_comes_out_once_and_leaves_no_swing(bench: Any, method: str
     arm.graph.until(lambda: arm.value('planned') == '1' and float(arm.value('solve_last_s')) > 0.0)
 
 
+def test_the_fastest_motion_takes_less_time_within_the_limits(bench: Any) -> None:
+    effort, asked_duration = 200.0, 1.5
+    arm = bench(
+        method='tip',
+        fastest=True,
+        margin=0.05,
+        start_margin=2.0,
+        solve_timeout=LONG,
+        limits__effort=[effort],
+    )
+    arm.send_motion(0, (0.3, 0.9), asked_duration)
+    arm.graph.until(lambda: arm.out or arm.rejected('not_shaped'), LONG)
+    assert len(arm.out) == 1, arm.node.input.last_message
+    t, q, qd, _ = rows(arm.out[0])
+    assert t[-1] < 0.8 * asked_duration
+    np.testing.assert_allclose(q[-1], np.array((0.3, 0.9)) + END, atol=0.2)  # links sag
+    np.testing.assert_allclose(qd[[0, -1]], 0.0, atol=0.05)
+    assert swing_after(arm.robot, t, q, 'tool', 1.0) < 0.01
+
+
 def test_stamp_with_room_is_kept_with_the_preaction_before_it(bench: Any) -> None:
     arm = bench(method='zv', servo__bandwidth=[8.0], servo__damping=[0.6], servo__delay=[0.05])
     wanted = time.time_ns() + 5 * 10**9

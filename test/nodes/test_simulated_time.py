@@ -16,8 +16,8 @@ from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from denoc_ros.nodes.feedforward import FeedforwardNode
+from denoc_ros.nodes.messages import time_message
 from denoc_ros.nodes.predictor import PredictorNode
-from denoc_ros.nodes.session_client import time_message
 from denoc_ros.nodes.shaper import ShaperNode
 from denoc_ros.nodes.viewer import ViewerNode
 

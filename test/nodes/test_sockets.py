@@ -9,14 +9,14 @@ from pathlib import Path
 import pytest
 from child_processes import child
 
-from denoc_ros.nodes import sockets
-from denoc_ros.nodes.sockets import LOCALHOST, ONLY, PROFILES, RANGE, TRANSPORTS, use_sockets
+from denoc_ros.nodes import middleware
+from denoc_ros.nodes.middleware import LOCALHOST, ONLY, PROFILES, RANGE, TRANSPORTS, use_sockets
 
 FASTRTPS = 'rmw_fastrtps_cpp'
 # prints whether shared memory of the middleware is mapped, then sends
 SENDER = """
 import rclpy, sys, time
-from denoc_ros.nodes.sockets import use_sockets
+from denoc_ros.nodes.middleware import use_sockets
 from std_msgs.msg import String
 use_sockets()
 rclpy.init()
@@ -65,7 +65,7 @@ def test_other_middleware_and_a_profile_in_the_folder_stay(
     environment = {RANGE: 'LOCALHOST'}
     use_sockets(environment, 'rmw_cyclonedds_cpp')
     assert environment == {RANGE: 'LOCALHOST'}
-    (tmp_path / sockets.IMPLICIT_PROFILES).touch()
+    (tmp_path / middleware.IMPLICIT_PROFILES).touch()
     monkeypatch.chdir(tmp_path)
     use_sockets(environment, FASTRTPS)
     assert environment == {RANGE: 'LOCALHOST'}

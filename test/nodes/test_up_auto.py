@@ -33,7 +33,7 @@ COMMAND = """
 import sys
 from denoc_ros.cli import session
 from denoc_ros.cli.main import main
-from denoc_ros.cli.rehearsal import Choice
+from denoc_ros.cli.session_time import Choice
 session.choose = lambda rehearsal, refusal: Choice('real', rehearsal.rates, 'for a test')
 sys.exit(main(sys.argv[1:]))
 """

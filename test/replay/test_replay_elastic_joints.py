@@ -14,7 +14,7 @@ from denoc_ros.bags.reader import read_raw
 from denoc_ros.bags.series import JointStateColumns, read_joint_states
 from denoc_ros.dynamics.measured_side import MeasuredStates
 from denoc_ros.simulation.bag import write_run
-from denoc_ros.simulation.run import Run
+from denoc_ros.simulation.simulate import Run
 
 
 def moved(robot: dn.Robot) -> Run:

@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from denoc_ros.bags.run import Diagnostic
 from denoc_ros.bags.series import Series
-from denoc_ros.reports import headline, sections, tip
+from denoc_ros.reports import headline, sections
+from denoc_ros.reports.headline import summary_lines
 from denoc_ros.reports.loop_timing import warnings
 from denoc_ros.reports.measures import Deflection, PhaseMeasures, summarize
 from denoc_ros.reports.sections import Units
-from denoc_ros.reports.summary import summary_lines
 
 T = np.linspace(0.0, 15.0, 1501)
 STOP = 10.0  # s
@@ -101,7 +101,7 @@ def test_the_tip_is_told_moving_after_the_stop_and_settled() -> None:
         if 'tip off' in line
     )
     assert '300 mm rms while moving, 200 mm at most after the stop, 50 mm from 3 s' in line
-    section = tip.section([found])
+    section = sections.tip([found])
     assert section is not None
     assert [list(row[1:]) for row in section.tables[0].rows] == [
         ['300 mm', '300 mm', '200 mm', '50 mm']
@@ -110,8 +110,8 @@ def test_the_tip_is_told_moving_after_the_stop_and_settled() -> None:
 
 def test_the_figure_of_the_tip_averages_squares() -> None:
     t = np.linspace(0.0, 1.0, 1000, endpoint=False)
-    middles, distance = tip.averaged(t, 0.2 * np.abs(np.sin(200.0 * np.pi * t)))
+    middles, distance = sections.averaged(t, 0.2 * np.abs(np.sin(200.0 * np.pi * t)))
     assert len(middles) == 20
     # ten whole periods of the square in each stretch, to the rounding of its ends
     np.testing.assert_allclose(distance, 0.2 / np.sqrt(2.0), rtol=0.02)
-    assert tip.section([]) is None
+    assert sections.tip([]) is None

@@ -17,9 +17,9 @@ import denoc_ros as dn
 from denoc_ros.bags.reader import DESCRIPTION_ATTACHMENT
 from denoc_ros.bags.writer import BagWriter
 from denoc_ros.cli.session_file import SessionFile
-from denoc_ros.reports.summary import summary_lines
+from denoc_ros.reports.headline import summary_lines
 from denoc_ros.simulation.bag import write_run
-from denoc_ros.simulation.run import Run
+from denoc_ros.simulation.simulate import Run
 
 DOWN = (0.0, -9.81, 0.0)
 

@@ -12,17 +12,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from denoc_ros.runtime import load as module
-from denoc_ros.runtime.load import (
+from denoc_ros.runtime import timing as module
+from denoc_ros.runtime.realtime import schedule_thread
+from denoc_ros.runtime.timing import (
     FIRST_REST,
     HOLDS,
     LONGEST_REST,
-    WINDOW,
+    LOOK_WINDOW,
     LoopLoad,
+    RealtimeLoop,
     SharedCores,
 )
-from denoc_ros.runtime.realtime import schedule_thread
-from denoc_ros.runtime.timing import RealtimeLoop
 
 PERIOD = 1e-3
 
@@ -51,10 +51,10 @@ class Machine:
 
     def run(self, seconds: float, tick: float, wait: float = 0.0) -> None:
         """Tick for a while; each tick waits for the processor, then works for so long [s]."""
-        for _ in range(round(seconds / WINDOW)):
+        for _ in range(round(seconds / LOOK_WINDOW)):
             taken = max(PERIOD, tick)
-            count = round(WINDOW / taken)
-            self.now, self.used = self.now + WINDOW, self.used + count * tick
+            count = round(LOOK_WINDOW / taken)
+            self.now, self.used = self.now + LOOK_WINDOW, self.used + count * tick
             assert self.now >= self.load.due - 1e-9
             self.load.look(self.now, np.full(count, wait), np.full(count, tick))
 
@@ -79,7 +79,7 @@ def test_a_loop_that_its_core_carries_keeps_its_priority(machine: Machine) -> No
 def test_an_overloaded_loop_yields_within_a_window_and_names_a_rate_that_holds(
     machine: Machine,
 ) -> None:
-    machine.run(WINDOW, tick=1.6 * PERIOD)
+    machine.run(LOOK_WINDOW, tick=1.6 * PERIOD)
     assert machine.yielded
     assert len(machine.said) == 1
     (found,) = re.findall(r'at most (\d+) Hz', machine.said[0][1])
@@ -90,7 +90,7 @@ def test_an_overloaded_loop_yields_within_a_window_and_names_a_rate_that_holds(
 
 
 def test_a_loop_that_waits_for_others_yields_as_well(machine: Machine) -> None:
-    machine.run(WINDOW, tick=0.3 * PERIOD, wait=0.6 * PERIOD)
+    machine.run(LOOK_WINDOW, tick=0.3 * PERIOD, wait=0.6 * PERIOD)
     assert machine.yielded
     assert '0.3' not in machine.said[0][1]
     assert '30 % of its core' in machine.said[0][1]
@@ -100,7 +100,7 @@ def test_loops_that_fill_their_core_together_yield_though_each_takes_little(
     machine: Machine,
 ) -> None:
     machine.load.crowd(0.9)
-    machine.run(WINDOW, tick=0.3 * PERIOD)
+    machine.run(LOOK_WINDOW, tick=0.3 * PERIOD)
     assert machine.yielded
     (found,) = re.findall(r'at most (\d+) Hz', machine.said[0][1])
     assert 0.6 < 0.9 * float(found) * PERIOD <= 0.7
@@ -152,13 +152,13 @@ def test_rests_get_longer_while_the_machine_stays_full(machine: Machine) -> None
     moments = []
     for _ in range(4000):
         before = len(machine.priorities)
-        machine.run(WINDOW, tick=0.3 * PERIOD, wait=0.6 * PERIOD)
+        machine.run(LOOK_WINDOW, tick=0.3 * PERIOD, wait=0.6 * PERIOD)
         if len(machine.priorities) > before and machine.priorities[-1] == 40:
             moments.append(machine.now)
     rests = np.diff(moments)
-    assert moments[0] == pytest.approx(100.0 + FIRST_REST, abs=2.0 * WINDOW)
+    assert moments[0] == pytest.approx(100.0 + FIRST_REST, abs=2.0 * LOOK_WINDOW)
     assert (np.diff(rests) >= -1e-6).all()
-    assert rests[-1] == pytest.approx(LONGEST_REST, abs=2.0 * WINDOW)
+    assert rests[-1] == pytest.approx(LONGEST_REST, abs=2.0 * LOOK_WINDOW)
     # all the while it had the processor to itself for a window per rest at most
     assert len(machine.said) == 1
 
@@ -185,7 +185,7 @@ def test_the_threshold_is_live(machine: Machine) -> None:
     machine.run(1.0, tick=0.6 * PERIOD)
     assert not machine.load.finding
     machine.load.threshold = 0.5
-    machine.run(WINDOW, tick=0.6 * PERIOD)
+    machine.run(LOOK_WINDOW, tick=0.6 * PERIOD)
     assert machine.load.finding
 
 

@@ -16,7 +16,7 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from denoc_ros.model.tree import Limits
 from denoc_ros.runtime.conversions import CommandReader, JointStateReader
-from denoc_ros.runtime.input_error import InputError
+from denoc_ros.runtime.input_monitor import InputError
 from denoc_ros.runtime.motion_bounds import MotionBounds
 from denoc_ros.runtime.reference import FiniteDifferencer
 from denoc_ros.runtime.trajectory_messages import has_many_points, read_trajectory

@@ -11,7 +11,8 @@ import pytest
 import yaml
 
 from denoc_ros.errors import ConfigError
-from denoc_ros.runtime.parameters import Kind, Parameter, ParameterTable
+from denoc_ros.runtime.parameters import ParameterTable
+from denoc_ros.settings import Kind, Parameter
 
 TABLE = ParameterTable(
     [

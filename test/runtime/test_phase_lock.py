@@ -6,8 +6,7 @@ import time
 
 import pytest
 
-from denoc_ros.runtime.phase_lock import SLEW, PhaseLock
-from denoc_ros.runtime.timing import RealtimeLoop
+from denoc_ros.runtime.timing import SLEW, PhaseLock, RealtimeLoop
 
 PERIOD = 1e-3
 

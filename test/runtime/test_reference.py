@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from denoc_ros.runtime.input_error import InputError
+from denoc_ros.runtime.input_monitor import InputError
 from denoc_ros.runtime.reference import FiniteDifferencer, ReferenceFollower
 from denoc_ros.runtime.trajectory_messages import TrajectoryMessage
 

@@ -11,12 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from denoc_ros.errors import SolverError
-from denoc_ros.runtime.carrying import CarryingTorque
 from denoc_ros.runtime.conversions import LARGEST_EFFORT
-from denoc_ros.runtime.input_error import InputError
-from denoc_ros.runtime.input_monitor import InputMonitor
+from denoc_ros.runtime.input_monitor import InputError, InputMonitor
 from denoc_ros.runtime.rate_limiter import Backoff
-from denoc_ros.runtime.safety import SafeCommand, TorqueLimiter, effort_limits
+from denoc_ros.runtime.torque import CarryingTorque, SafeCommand, TorqueLimiter, effort_limits
 
 ANY_FLOAT = st.floats(allow_nan=True, allow_infinity=True, width=64)
 

@@ -17,9 +17,9 @@ from denoc_ros.errors import StateError
 from denoc_ros.estimation.tracking import MEMORY, TrackingFilter
 from denoc_ros.model.tree import Limits
 from denoc_ros.runtime.conversions import LARGEST_EFFORT, JointStateReader
-from denoc_ros.runtime.input_error import InputError
+from denoc_ros.runtime.input_monitor import InputError
 from denoc_ros.runtime.motion_bounds import MotionBounds
-from denoc_ros.runtime.safety import TorqueLimiter
+from denoc_ros.runtime.torque import TorqueLimiter
 from denoc_ros.trajectories import SplineTrajectory
 from denoc_ros.types import Array
 

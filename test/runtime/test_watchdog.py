@@ -14,7 +14,7 @@ from child_processes import child
 CODE = """
 import sys, threading, time
 from denoc_ros.kernels import compiling
-from denoc_ros.runtime.watchdog import Watchdog
+from denoc_ros.runtime.ending import Watchdog
 
 watchdog = Watchdog(1.0, compiling.at_work)
 watchdog.begin('node', lambda: print('saved', flush=True))

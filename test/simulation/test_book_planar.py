@@ -12,7 +12,7 @@ import pytest
 from book_runs import desired, joints, shipped, tips, until
 
 from denoc_ros.dynamics.robot import Robot
-from denoc_ros.simulation.run import Run
+from denoc_ros.simulation.simulate import Run
 from denoc_ros.types import Array
 
 Fall = tuple[Robot, Run]

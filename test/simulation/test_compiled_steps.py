@@ -9,7 +9,7 @@ from mechanisms import DOWN, START
 from planar_chains import FLEXIBLE, RIGID, planar_chain
 
 import denoc_ros as dn
-from denoc_ros.simulation.run import Run
+from denoc_ros.simulation.simulate import Run
 from denoc_ros.types import Array
 
 

@@ -23,7 +23,7 @@ from planar_chains import (
 
 import denoc_ros as dn
 from denoc_ros.dynamics.deflection import TipDeflections
-from denoc_ros.simulation.run import Run
+from denoc_ros.simulation.simulate import Run
 from denoc_ros.types import Array
 
 DOWN = (0.0, -9.81, 0.0)

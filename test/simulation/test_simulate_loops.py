@@ -13,7 +13,7 @@ from mechanisms import DOWN, SHIPPED, START
 from planar_chains import reference
 
 import denoc_ros as dn
-from denoc_ros.simulation.run import Run
+from denoc_ros.simulation.simulate import Run
 from denoc_ros.types import Array
 
 RIGID = [(table, kind) for table, kind, links in SHIPPED if 'F' not in links]

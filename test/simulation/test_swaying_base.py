@@ -12,7 +12,7 @@ import yaml
 from denoc_ros.dynamics.robot import load_robot
 from denoc_ros.errors import ConfigError
 from denoc_ros.simulation.scenario import scenario_from_config
-from denoc_ros.simulation.swaying_base import SHIFTS, TURNS, Harmonic, SwayingBase
+from denoc_ros.simulation.time_functions import SHIFTS, TURNS, Harmonic, SwayingBase
 from denoc_ros.types import Array
 
 CONFIG = Path(__file__).resolve().parents[2] / 'config'

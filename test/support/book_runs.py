@@ -10,8 +10,8 @@ import numpy as np
 
 from denoc_ros.cli.config import read_yaml
 from denoc_ros.dynamics.robot import Robot
-from denoc_ros.simulation.run import Run
 from denoc_ros.simulation.scenario import Scenario, model_settings, scenario_from_config
+from denoc_ros.simulation.simulate import Run
 from denoc_ros.simulation.time_functions import TimeFunction
 from denoc_ros.types import Array
 

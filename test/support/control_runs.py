@@ -10,7 +10,7 @@ from scipy.interpolate import make_interp_spline
 
 import denoc_ros as dn
 from denoc_ros.control.plan import Plan
-from denoc_ros.simulation.run import Run
+from denoc_ros.simulation.simulate import Run
 from denoc_ros.types import Array
 
 Reference = Callable[[Array], Array]

@@ -16,7 +16,7 @@ from denoc_ros.dynamics.deflection import TipDeflections
 from denoc_ros.estimation.fusion import FusionSettings
 from denoc_ros.estimation.observer import Observer
 from denoc_ros.estimation.observer_settings import ObserverSettings
-from denoc_ros.simulation.run import Run
+from denoc_ros.simulation.simulate import Run
 from denoc_ros.trajectories import CycloidalTrajectory
 from denoc_ros.types import Array
 

@@ -10,7 +10,7 @@ from mechanisms import CONFIG, DOWN, START, mechanism
 
 import denoc_ros as dn
 from denoc_ros.cli.config import read_yaml
-from denoc_ros.simulation.run import Run
+from denoc_ros.simulation.simulate import Run
 from denoc_ros.studies.dh import urdf_text
 from denoc_ros.studies.dh_system import read_system
 from denoc_ros.types import Array

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pinocchio
@@ -50,8 +51,8 @@ STRIP = """
 """
 
 
-def panda_strip() -> Robot:
-    """Return the robot, its fingers fixed."""
+def panda(*more: Any) -> str:
+    """Return the URDF of the Panda with its fingers fixed, and with more elements."""
     root = etree.parse(str(URDF)).getroot()
     for joint in root.iter('joint'):
         if 'finger' in joint.get('name'):
@@ -59,9 +60,14 @@ def panda_strip() -> Robot:
             for tag in ('axis', 'limit', 'mimic', 'dynamics'):
                 for each in joint.findall(tag):
                     joint.remove(each)
-    for each in etree.fromstring(STRIP):
+    for each in more:
         root.append(each)
-    return dn.load_robot(etree.tostring(root, encoding='unicode'))
+    return str(etree.tostring(root, encoding='unicode'))
+
+
+def panda_strip() -> Robot:
+    """Return the robot with the strip in its hand."""
+    return dn.load_robot(panda(*etree.fromstring(STRIP)))
 
 
 def plain_motion(robot: Robot, points: int = 221) -> tuple[Array, Array]:

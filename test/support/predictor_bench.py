@@ -11,7 +11,7 @@ from sensor_msgs.msg import JointState
 
 import denoc_ros as dn
 from denoc_ros.nodes.predictor import PredictorNode
-from denoc_ros.simulation.run import Run
+from denoc_ros.simulation.simulate import Run
 
 DOWN = (0.0, -9.81, 0.0)
 ARM = (PlanarLink(1.0, 2.0, 60.0), PlanarLink(0.8, 1.0))

@@ -10,8 +10,7 @@ import numpy as np
 
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.simulation.bag import write_run
-from denoc_ros.simulation.run import Run
-from denoc_ros.simulation.simulate import simulate
+from denoc_ros.simulation.simulate import Run, simulate
 
 GRAVITY = (0.0, -9.81, 0.0)
 PERIOD = 0.004

@@ -19,7 +19,7 @@ from pages import Snippet
 
 from denoc_ros.cli.config import NODES, find_file, load_config
 from denoc_ros.cli.main import build_parser, main
-from denoc_ros.cli.scenario_runs import prepare
+from denoc_ros.cli.simulate import prepare
 from denoc_ros.control.mode_table import read_mode_table
 from denoc_ros.model.urdf import load_tree
 from denoc_ros.simulation.scenario import KEYS as SCENARIO_KEYS

@@ -11,8 +11,7 @@ from truth_robots import TruthCase
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.identification.model.free_parameters import SearchPoint
 from denoc_ros.identification.model.sources import Recording
-from denoc_ros.simulation.run import Run
-from denoc_ros.simulation.simulate import simulate
+from denoc_ros.simulation.simulate import Run, simulate
 from denoc_ros.types import Array
 
 PERIOD = 0.005  # s between samples of a topic

@@ -105,8 +105,10 @@ def free_numbers(
         found.append(FreeNumber(f'effort.{joint}.gain', 1.0, 0.0, True))
         scale = OFFSET * efforts.get(joint, 1.0)
         found.append(FreeNumber(f'effort.{joint}.offset', 0.0, scale, False))
+    loads = payloads_of(robot.tree.overrides, robot.tree)
     for link in carrying_links(robot.tree):
-        mass, centre = payload_of(robot, link)
+        load = loads.get(link)
+        mass, centre = (0.0, np.zeros(3)) if load is None else (load.mass, load.com)
         found.append(_positive(f'payload.{link}.mass', mass, _payload_scale(robot)))
         found.extend(
             FreeNumber(f'payload.{link}.com.{axis}', float(value), LEVER, False)
@@ -180,12 +182,6 @@ def unit_of(path: str) -> str:
         part = rest.rpartition('.')[2].partition('_')[0]
         return {'gyro': 'rad/s', 'accel': 'm/s^2'}.get(part, '')
     return {'delay': 's', 'effort': 'N m or N', 'payload': 'm'}.get(kind, '')
-
-
-def payload_of(robot: Robot, link: str) -> tuple[float, Array]:
-    """Return mass and centre of mass (3,) of the payload that the model has on a link."""
-    found = payloads_of(robot.tree.overrides, robot.tree).get(link)
-    return (0.0, np.zeros(3)) if found is None else (found.mass, found.com)
 
 
 WHERE = 'identify model'
@@ -468,7 +464,8 @@ class FreeParameters:
             else:
                 found.overrides[number.path] = value
         for link, parts in coms.items():
-            centre = payload_of(self.robot, link)[1].tolist()
+            load = payloads_of(self.robot.tree.overrides, self.robot.tree).get(link)
+            centre = [0.0] * 3 if load is None else load.com.tolist()
             for place, value in parts.items():
                 centre[place] = value
             found.overrides[f'payload.{link}.com'] = centre

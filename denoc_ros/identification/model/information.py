@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import t as student
 
-from denoc_ros.identification.model.joint_noise import JointNoise
+from denoc_ros.identification.model.whitening import JointNoise
 from denoc_ros.types import Array
 
 Mask = NDArray[np.bool_]

@@ -8,19 +8,132 @@ squares are the likelihood (L. Ljung, System Identification, 1999, section 7.4).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy.linalg
 from numpy.typing import NDArray
 
-from denoc_ros.identification.model.nearby_motion import NearbyMotion
+from denoc_ros.dynamics.constraints import mimic_ties
+from denoc_ros.dynamics.robot import Robot
 from denoc_ros.kernels.compiled import ready
-from denoc_ros.kernels.kalman import filter_gains, filter_values
-from denoc_ros.types import Array
+from denoc_ros.kernels.inverse_derivatives import inverse_dynamics_derivatives
+from denoc_ros.kernels.kalman import filter_gains, filter_values, linear_states
+from denoc_ros.types import Array, Flags
 
+Motion = tuple[Array, Array]
 Int = NDArray[np.int64]
 
 MOST_APART = 1.5  # usual times between joint stamps: a row farther from all of them is not linked
+
+
+class NearbyMotion:
+    """The linear model of the amplitudes about a motion, its joints moving as they do.
+
+    Parameters
+    ----------
+    robot : Robot
+        Without loops, mimic joints or a floating base.
+    joints : sequence of str
+        Order of the torques.
+    t : (k,) array
+        [s]
+    starts : (k,) bool array
+        Where the amplitudes start anew, in equilibrium.
+    motion : states (3, k, n), torques (k, joints)
+        Of the robot: coordinates, rates and accelerations.
+
+    Attributes
+    ----------
+    free : (f,) int array
+        The amplitudes.
+    transitions : (k - 1, 2f, 2f) array
+        Of amplitudes and rates from a stamp to the next.
+    slopes : (k, 2f, 2f) array
+        Derivatives of rates and accelerations by amplitudes and rates.
+    by_joints : (k, f, joints of the robot) array
+        Of accelerations by those of the joints.
+
+    Notes
+    -----
+    Between two stamps the linear model is that in the middle and the change of the accelerations
+    is linear in time: x' = Phi x + G0 g + G1 g', with Phi = exp(A h).
+    """
+
+    def __init__(
+        self, robot: Robot, joints: Sequence[str], t: Array, starts: Flags, motion: Motion
+    ) -> None:
+        # equilibria take their tangent from the second: by differences it takes ten times as long
+        ready(linear_states, inverse_dynamics_derivatives)
+        self._ties = mimic_ties(robot, joints, {})[0]
+        self._index = robot.joint_indices
+        self.free = np.setdiff1d(np.arange(robot.n), self._index)
+        self.starts, self.motion = starts, motion
+        q, qd, qdd = motion[0]
+        slopes = robot.hybrid_dynamics_derivatives(q, qd, qdd[:, self._index])
+        f, k = len(self.free), len(t)
+        self.slopes = np.zeros((k, 2 * f, 2 * f))
+        self.slopes[:, :f, f:] = np.eye(f)
+        self.slopes[:, f:, :f] = slopes.dqdd_dq[:, :, self.free]
+        self.slopes[:, f:, f:] = slopes.dqdd_dqd[:, :, self.free]
+        self.by_joints = slopes.dqdd_dqdd
+        self._by_torque = self._ties.T @ np.concatenate(
+            [slopes.dtau_dq[:, :, self.free], slopes.dtau_dqd[:, :, self.free]], axis=2
+        )
+        self.transitions, self._early, self._late = _transitions(t, self.slopes)
+
+    def of(self, robot: Robot) -> Motion:
+        """Return the motion of a robot that differs little."""
+        (q, qd, qdd), _ = self.motion
+        forces, found = robot.hybrid_dynamics(q, qd, qdd[:, self._index])
+        return self.changed(self._response(robot, found - qdd[:, self.free]), forces, found)
+
+    def changed(
+        self, change: Array, forces: Array | None = None, found: Array | None = None
+    ) -> Motion:
+        """Return the motion with other amplitudes and rates.
+
+        Parameters
+        ----------
+        change : (k, 2f) array
+        forces, found : arrays, optional
+            Of the joints (k, joints of the robot) and accelerations (k, f) without the change;
+            default those of the robot.
+        """
+        f, (states, torques) = len(self.free), self.motion
+        moved = states.copy()
+        moved[0][:, self.free] += change[:, :f]
+        moved[1][:, self.free] += change[:, f:]
+        column = change[:, :, None]
+        own = states[2][:, self.free] if found is None else found
+        moved[2][:, self.free] = own + (self.slopes[:, f:] @ column)[..., 0]
+        base = torques if forces is None else forces @ self._ties
+        return moved, base + (self._by_torque @ column)[..., 0]
+
+    def _response(self, robot: Robot, pushed: Array) -> Array:
+        """Return changes of amplitudes and rates (k, 2f) by those of accelerations (k, f)."""
+        f, q = len(self.free), self.motion[0][0]
+        gained = (self._early @ pushed[:-1, :, None] + self._late @ pushed[1:, :, None])[..., 0]
+        found = np.zeros((len(q), 2 * f))
+        found[1:] = gained
+        for k in np.flatnonzero(self.starts):
+            still = robot.static_deflection(q[k, self._index])[self.free]
+            found[k] = np.concatenate([still - q[k, self.free], np.zeros(f)])
+        linear_states(self.transitions, self.starts, found)
+        return found
+
+
+def _transitions(t: Array, slopes: Array) -> tuple[Array, Array, Array]:
+    """Return Phi (k - 1, 2f, 2f), G0 and G1 (k - 1, 2f, f) of each interval."""
+    f = slopes.shape[1] // 2
+    h = np.diff(t)[:, None, None]
+    middle = 0.5 * (slopes[:-1] + slopes[1:])
+    transitions: Array = np.asarray(scipy.linalg.expm(middle * h), dtype=np.float64)
+    held = np.linalg.solve(middle, transitions - np.eye(2 * f))
+    late = np.linalg.solve(middle, held / h - np.eye(2 * f))
+    early: Array = (held - late)[:, :, f:]
+    return transitions, early, np.asarray(late[:, :, f:], dtype=np.float64)
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,13 @@ import numpy as np
 
 from denoc_ros.control.joint_limits import JointLimits
 from denoc_ros.errors import ConfigError, SolverError
-from denoc_ros.identification.model.excited_channels import WHERE, Along, Response
-from denoc_ros.identification.model.rest_series import MotionRows, RestSeries
+from denoc_ros.identification.model.excited_channels import (
+    WHERE,
+    Along,
+    MotionRows,
+    Response,
+    RestSeries,
+)
 from denoc_ros.types import Array
 
 FULL = 0.995  # of a limit: what a motion may take of it, the rest is for rounding

@@ -1,19 +1,25 @@
-"""An identified model as plain values, and the description that has it."""
+"""Identification of a whole model: its options, its result as plain values, the description."""
 
 from __future__ import annotations
 
-import math
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from lxml import etree
 
+from denoc_ros.bags.digest import file_hash
+from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.errors import IdentificationError
-from denoc_ros.identification.model.fit import IdentifiedModel
+from denoc_ros.identification.model.excitation import Excitation
+from denoc_ros.identification.model.fit import IdentifiedModel, identify_model
 from denoc_ros.identification.model.free_parameters import unit_of
 from denoc_ros.identification.model.information import NOT_TOLD
+from denoc_ros.identification.model.sources import RecordingSettings
+from denoc_ros.identification.model.sources import read_source as read_recording_source
 from denoc_ros.identification.modes import DOUBTFUL, GOOD, NOT_IDENTIFIABLE, worst
 from denoc_ros.model.findings import Findings
 from denoc_ros.model.inertia import total
@@ -23,21 +29,74 @@ from denoc_ros.model.rigid_urdf import read_rigid_urdf
 from denoc_ros.model.source import TEXT_NAME, parse_xml, read_source, written
 from denoc_ros.model.tree import RigidInertia
 from denoc_ros.model.urdf import tree_of
+from denoc_ros.output_files import Document, plain
 
-Document = dict[str, Any]
 WORDS = {'found': GOOD, 'doubtful': DOUBTFUL, 'not identifiable': NOT_IDENTIFIABLE}
 
 
+@dataclass(frozen=True)
+class ModelOptions:
+    """What of a robot is identified, from which recordings.
+
+    Attributes
+    ----------
+    robot : str
+        Name of the robot's file.
+    file : Path
+        Where that file is.
+    gravity : (float, float, float)
+        In the base frame [m/s^2].
+    overrides : mapping
+        Numbers of the model where the search starts, in place of the file's.
+    recording : RecordingSettings
+        How recordings are read.
+    free : sequence of str
+        Paths of what is free, as `identify_model` takes them.
+    cutoff : float
+        Above it effort is not compared [Hz].
+    held_out : float
+        Last part of each run that a first fit does not see.
+    """
+
+    robot: str
+    file: Path
+    gravity: tuple[float, float, float]
+    overrides: Mapping[str, Any]
+    recording: RecordingSettings
+    free: Sequence[str]
+    cutoff: float
+    held_out: float
+
+    def start(self) -> Robot:
+        """Return the robot where the search starts."""
+        robot = load_robot(self.file, gravity=self.gravity)
+        return robot.with_overrides(self.overrides) if self.overrides else robot
+
+    def identify(self, paths: Sequence[Path]) -> tuple[Document, IdentifiedModel]:
+        """Return the result of recordings, of plain values, and the model that fits them best."""
+        robot = self.start()
+        read = [read_recording_source(path, robot, self.recording) for path in paths]
+        found = identify_model(robot, read, self.free, cutoff=self.cutoff, held_out=self.held_out)
+        source = {
+            'file': str(paths[0]),
+            'sha256': file_hash(paths[0]),
+            'others': {str(path): file_hash(path) for path in paths[1:]},
+        }
+        model = {'file': self.robot, 'free': self.free}
+        document = {'kind': 'model', 'source': source, 'model': model, **result_of(found)}
+        return dict(plain(document)), found
+
+
 def result_of(found: IdentifiedModel) -> Document:
-    """Result document of a model; infinite numbers are None."""
-    return {
+    """Return an identified model as plain values; infinite numbers are None."""
+    document = {
         'method': 'output error, maximum likelihood over all channels',
         'parameters': [
             {
                 'path': path,
                 'start': found.start[path],
                 'value': value,
-                'interval': [_finite(end) for end in found.interval[path]],
+                'interval': found.interval[path],
                 'verdict': found.verdict[path],
                 'size': found.size[path],
             }
@@ -53,16 +112,47 @@ def result_of(found: IdentifiedModel) -> Document:
                 'rms_before': one.before,
                 'rms_after': one.after,
                 'rms_alone': one.alone * one.after,
-                'held_out_before': _finite(one.held_out_before),
-                'held_out_after': _finite(one.held_out_after),
+                'held_out_before': one.held_out_before,
+                'held_out_after': one.held_out_after,
             }
             for one in found.channels
         ],
         'verdict': worst(tuple(WORDS[word] for word in found.verdict.values())),
-        'reasons': list(found.reasons),
+        'reasons': found.reasons,
         'seconds': found.seconds,
         'evaluations': found.evaluations,
     }
+    return dict(plain(document))
+
+
+def excitation_result(found: Excitation) -> Document:
+    """Return a motion that identifies and its expected accuracy as plain values."""
+    document = {
+        'duration_s': found.duration,
+        'parameters': [
+            {
+                'path': path,
+                'value': value,
+                'interval': found.interval[path],
+                'verdict': found.verdict[path],
+            }
+            for path, value in found.values.items()
+        ],
+        'not_identifiable': found.combinations,
+        'not_by_any_motion': found.never,
+        'combinations_seen': found.seen,
+        'limits': [
+            {'what': e.what, 'name': e.name, 'value': e.value, 'limit': e.limit, 'unit': e.unit}
+            for e in found.extremes
+        ],
+        'noise': found.noise,
+        'rate_hz': found.rate,
+        'gain': found.gain,
+        'verdict': worst(tuple(WORDS[word] for word in found.verdict.values())),
+        'seconds': found.seconds,
+        'evaluations': found.evaluations,
+    }
+    return dict(plain(document))
 
 
 def verdict_text(one: Mapping[str, Any]) -> str:
@@ -71,10 +161,6 @@ def verdict_text(one: Mapping[str, Any]) -> str:
     if 'size' not in one or None in (low, high) or one['size'] == abs(one['value']):
         return str(one['verdict'])
     return f'{one["verdict"]}, ± {0.5 * (high - low):.2g} {unit_of(one["path"])}'.rstrip()
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None
 
 
 def applied_description(

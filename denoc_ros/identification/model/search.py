@@ -13,7 +13,6 @@ from scipy.optimize import least_squares
 from denoc_ros.errors import IdentificationError
 from denoc_ros.identification.model.free_parameters import PRIOR, FreeParameters
 from denoc_ros.identification.model.information import Information, information, left_beside_noise
-from denoc_ros.identification.model.joint_noise import JointNoise, joint_noise
 from denoc_ros.identification.model.prediction import PreparedRun
 from denoc_ros.identification.model.robust import (
     HUBER,
@@ -23,7 +22,7 @@ from denoc_ros.identification.model.robust import (
     root_mean_square,
 )
 from denoc_ros.identification.model.simulated_runs import STEP, SimulatedRuns
-from denoc_ros.identification.model.whitening import Whitening
+from denoc_ros.identification.model.whitening import JointNoise, Whitening, joint_noise
 from denoc_ros.types import Array
 
 COARSE = 1e-3  # of the cost: a fit goes on while it falls by more, before weights are settled

@@ -13,8 +13,8 @@ from scipy.spatial.transform import Rotation
 
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.identification.model.free_parameters import POSE_PARTS, SearchPoint
+from denoc_ros.identification.model.robust import without_spikes
 from denoc_ros.identification.model.sources import Recording
-from denoc_ros.identification.model.spikes import without_spikes
 from denoc_ros.types import Array
 
 UNITS = {'gyro': 'rad/s', 'accel': 'm/s^2'}

@@ -10,7 +10,7 @@ import numpy as np
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import DenocError
 from denoc_ros.identification.model.free_parameters import FreeParameters, SearchPoint
-from denoc_ros.identification.model.nearby_motion import Motion, NearbyMotion
+from denoc_ros.identification.model.innovations import Motion, NearbyMotion
 from denoc_ros.identification.model.prediction import PreparedRun
 from denoc_ros.model.tree import RigidInertia
 from denoc_ros.types import Array

@@ -15,10 +15,9 @@ from denoc_ros.dynamics.deflection import TipDeflections
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.stepper import Stepper
 from denoc_ros.identification.model.excitation import Excitation
-from denoc_ros.identification.model.excited_channels import Along, ExcitedChannels
+from denoc_ros.identification.model.excited_channels import Along, ExcitedChannels, RestSeries
 from denoc_ros.identification.model.fit import IdentifiedModel
 from denoc_ros.identification.model.free_parameters import FreeParameters
-from denoc_ros.identification.model.rest_series import RestSeries
 from denoc_ros.trajectories import CycloidalTrajectory
 from denoc_ros.types import Array
 

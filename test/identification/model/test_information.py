@@ -13,7 +13,7 @@ from denoc_ros.identification.model.information import (
     information,
     left_beside_noise,
 )
-from denoc_ros.identification.model.joint_noise import MOST, JointNoise, bounded
+from denoc_ros.identification.model.whitening import MOST, JointNoise, bounded
 from denoc_ros.types import Array
 
 ROWS, STRETCH = 600, 10

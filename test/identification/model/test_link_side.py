@@ -10,7 +10,7 @@ import denoc_ros as dn
 from denoc_ros.dynamics.feedforward import TorqueFeedforward
 from denoc_ros.dynamics.measured_side import MeasuredStates, measured_robot
 from denoc_ros.errors import ConfigError
-from denoc_ros.identification.apply import configuration
+from denoc_ros.identification.damping import configuration
 from denoc_ros.identification.model.fit import identify_model
 from denoc_ros.identification.model.free_parameters import FreeParameters
 from denoc_ros.identification.model.sources import Recording

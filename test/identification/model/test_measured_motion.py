@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from denoc_ros.estimation.joint_motion import LocalPolynomials, smooth
-from denoc_ros.identification.model.measured_motion import measured_motion
+from denoc_ros.identification.model.prediction import measured_motion
 
 
 def test_a_joint_that_shows_noise_alone_stands_still() -> None:

@@ -1,0 +1,216 @@
+"""Options that actions of `denoc identify` share, and the files of their results."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from denoc_ros.cli.arguments import (
+    add_gravity,
+    add_json,
+    add_numbers,
+    add_output,
+    add_repeated,
+    add_stamp,
+    add_times,
+    add_window,
+    named_values,
+    require,
+    times_findings,
+)
+from denoc_ros.cli.verb_result import VerbResult
+from denoc_ros.cli.verbs import exit_status
+from denoc_ros.errors import ConfigError
+from denoc_ros.identification.channel import Channel
+from denoc_ros.identification.result import RESULT_FILE, write_result
+from denoc_ros.output_files import Document, write_text
+from denoc_ros.reports.pages import ReportPage
+from denoc_ros.reports.provenance import versions
+
+
+@dataclass(frozen=True)
+class Action:
+    """One action of `denoc identify`.
+
+    Attributes
+    ----------
+    name, description : str
+    add_options : callable
+        Declares its arguments.
+    run : callable
+        Of the parsed arguments the result; what they mean goes on as values of their own.
+    """
+
+    name: str
+    description: str
+    add_options: Callable[[argparse.ArgumentParser], None]
+    run: Callable[[argparse.Namespace], VerbResult]
+
+
+def written_result(
+    output: Path | None,
+    document: Document,
+    text: Callable[[Document], str],
+    page: Callable[[Document], ReportPage],
+    notes: Sequence[str] = (),
+) -> VerbResult:
+    """Return the result of an action; write it and its page to a folder if one is named.
+
+    Parameters
+    ----------
+    output : Path or None
+        The folder.
+    document : dict
+        The result, of plain values; the versions are added.
+    text, page : callable
+        Of the result, for a terminal and for the folder.
+    notes : sequence of str
+        As of `VerbResult`.
+    """
+    document = {**document, 'versions': versions()}
+    if output:
+        if (output / RESULT_FILE).exists():
+            notes = [*notes, f'denoc identify: {output}: the earlier result is replaced']
+        write_result(output, document)
+        write_text(output / 'report.html', page(document).html())
+    return VerbResult(document, [text(document)], exit_status(document['verdict']), notes)
+
+
+def add_recording_options(parser: argparse.ArgumentParser, several: bool = False) -> None:
+    """Declare which recording is identified, or which several, and where the result goes."""
+    if several:
+        parser.add_argument('path', metavar='BAG', type=Path, nargs='+', help='bags or tables')
+    else:
+        parser.add_argument('path', metavar='BAG', type=Path, help='a bag or a table')
+    add_output(parser, 'FOLDER', 'folder for result.yaml and report.html')
+    add_json(parser)
+
+
+def add_channel_options(parser: argparse.ArgumentParser) -> None:
+    """Declare the options that select a signal of a file."""
+    group = parser.add_argument_group('the signal')
+    group.add_argument(
+        '--topic', default='', help='topic of a bag, such as /predictor/tip_deflection'
+    )
+    group.add_argument(
+        '--field',
+        default='',
+        help='name in a JointState (arm/uy), label of an array, dotted path in another message '
+        '(wrench.force.x), or column of a table',
+    )
+    group.add_argument(
+        '--quantity',
+        choices=('position', 'velocity', 'effort'),
+        default='position',
+        help='quantity of a JointState; default: position',
+    )
+    add_stamp(group)
+    add_times(group)
+    add_numbers(
+        group,
+        ('--gain', 1.0, 'value = gain * raw + offset'),
+        ('--offset', 0.0, 'offset in value = gain * raw + offset, in the unit of the value'),
+    )
+    group.add_argument('--unit', default='', help='unit of the value')
+    add_window(group, 'sample')
+
+
+def add_verdict_options(parser: argparse.ArgumentParser) -> None:
+    """Declare the options that select the modes of the verdict."""
+    group = parser.add_argument_group('the verdict (default: that of the strongest mode)')
+    group.add_argument(
+        '--band',
+        metavar='LO:HI',
+        default='',
+        help='exit status by all modes between two frequencies [Hz]',
+    )
+    group.add_argument(
+        '--modes',
+        metavar='K',
+        type=int,
+        help='exit status by the K strongest modes, in the band if one is given',
+    )
+
+
+def asked_of(args: argparse.Namespace) -> tuple[tuple[float, float], int | None]:
+    """Return band [Hz] and number of the requested modes; ConfigError with findings."""
+    findings, band = [], (0.0, math.inf)
+    if args.band:
+        try:
+            low, high = (float(end) if end else None for end in args.band.split(':'))
+            band = (low or 0.0, math.inf if high is None else high)
+        except ValueError:
+            findings.append(f'--band must be LO:HI in Hz, got {args.band!r}')
+        if not 0.0 <= band[0] < band[1]:
+            findings.append(f'--band must have 0 <= LO < HI, got {args.band}')
+    if args.modes is not None and args.modes < 1:
+        findings.append(f'--modes must be at least 1, got {args.modes}')
+    ConfigError.raise_any('identify', findings)
+    return band, args.modes
+
+
+def channel_of(args: argparse.Namespace) -> Channel:
+    """Return the channel that the options give; ConfigError where they make no sense."""
+    findings = [
+        f'{name} must be a finite number, got {value}'
+        for name, value in (('--gain', args.gain), ('--offset', args.offset))
+        if not math.isfinite(value)
+    ]
+    if args.gain == 0.0:
+        findings.append('--gain must not be 0, got 0')
+    findings += times_findings(args.rate)
+    begin, end = getattr(args, 'begin', 0.0), getattr(args, 'end', math.inf)
+    if not begin < end:
+        findings.append(f'--begin must be before --end, got {begin} and {end} s')
+    ConfigError.raise_any('identify', findings)
+    return Channel(
+        topic=args.topic,
+        field=args.field,
+        quantity=args.quantity,
+        stamp=args.stamp,
+        time=args.time,
+        time_unit=args.time_unit,
+        rate=args.rate,
+        gain=args.gain,
+        offset=args.offset,
+        unit=args.unit,
+        begin=begin,
+        end=end,
+    )
+
+
+def add_robot_options(parser: argparse.ArgumentParser, robot: bool = True) -> None:
+    """Declare the options that say of which robot, where its joints stood, and whether held."""
+    group = parser.add_argument_group('the robot')
+    if robot:
+        group.add_argument(
+            '--robot',
+            metavar='URDF',
+            default='',
+            help='robot for the damping coefficients; default: the one in the bag',
+        )
+    add_repeated(
+        group,
+        (
+            '--at JOINT=VALUE',
+            "position of a joint [rad, m]; default: the bag's /joint_states, else 0; repeatable",
+        ),
+    )
+    group.add_argument(
+        '--joints',
+        choices=('held', 'free'),
+        default='held',
+        help='whether the joints were held during the decay; default: held',
+    )
+    add_gravity(group)
+
+
+def joint_values(settings: Sequence[str]) -> dict[str, float]:
+    """Return JOINT=VALUE settings as a mapping; ConfigError with every finding."""
+    findings: list[str] = []
+    values = named_values('--at', settings, 'JOINT=VALUE', float, findings)
+    require(findings)
+    return values

@@ -1,0 +1,212 @@
+"""Settings and parameters, each declared once: type, default, unit, range and text.
+
+A class of settings declares its fields by :func:`setting`; its check, a node's rows and the
+options of a command follow from them.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import MISSING, dataclass, field, fields, replace
+from enum import Enum
+from typing import Any, cast
+
+from denoc_ros.errors import StateError
+
+Value = bool | int | float | str | list[str] | list[float]
+
+
+class Kind(Enum):
+    """Type of a parameter's value, by its ROS name."""
+
+    BOOL = 'bool'
+    INTEGER = 'integer'
+    DOUBLE = 'double'
+    STRING = 'string'
+    STRINGS = 'string array'
+    DOUBLES = 'double array'
+    DOUBLE_OR_DOUBLES = 'double or double array'
+
+    @property
+    def noun(self) -> str:
+        """The name with its article."""
+        return f'{"an" if self is Kind.INTEGER else "a"} {self.value}'
+
+
+KINDS = {bool: Kind.BOOL, int: Kind.INTEGER, float: Kind.DOUBLE, str: Kind.STRING}
+ROW = 'row'  # of a field's metadata
+TEXTS = (Kind.STRING, Kind.STRINGS)
+ARRAYS = (Kind.STRINGS, Kind.DOUBLES, Kind.DOUBLE_OR_DOUBLES)
+EXPONENTIAL = re.compile(r'[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+|[-+]?inf')
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """What a parameter or setting may be; a name that ends in `.*` is a family of names."""
+
+    name: str
+    kind: Kind
+    default: Value | None  # None: a family has none
+    text: str
+    unit: str = ''
+    minimum: float = -math.inf
+    maximum: float = math.inf
+    positive: bool = False  # > 0, not only >= minimum
+    choices: tuple[str, ...] = ()
+    live: bool = False
+    finite: bool = False
+
+    @property
+    def is_family(self) -> bool:
+        """Whether the row stands for a family of names."""
+        return self.name.endswith('.*')
+
+    def matches(self, name: str) -> bool:
+        """Say whether the row is the one for `name`."""
+        if self.is_family:
+            return name.startswith(self.name[:-1]) and len(name) >= len(self.name)
+        return name == self.name
+
+    @property
+    def range(self) -> str:
+        """Admissible values in words; empty if anything goes."""
+        if self.choices:
+            return ' \\| '.join(f'`{choice}`' for choice in self.choices)
+        if self.positive:
+            return '> 0' + (f', <= {self.maximum:g}' if self.maximum < math.inf else '')
+        bounds = [
+            f'>= {self.minimum:g}' if self.minimum > -math.inf else '',
+            f'<= {self.maximum:g}' if self.maximum < math.inf else '',
+        ]
+        return ', '.join(bound for bound in bounds if bound)
+
+    def within(self, lowest: float | None = None, highest: float | None = None) -> Parameter:
+        """Return the row with narrower bounds."""
+        if lowest is None or highest is None:
+            return self
+        positive = self.positive and lowest <= 0.0
+        return replace(self, minimum=lowest, maximum=highest, positive=positive)
+
+    def finding(self, subject: str, value: object, requirement: str) -> str:
+        """Return the sentence that refuses `value`."""
+        unit = f' {self.unit}' if self.unit else ''
+        return f'{subject} must be {requirement}{unit}, got {value!r}'
+
+    def accept(self, subject: str, value: object) -> Value:
+        """Return `value` as the row's type; `subject` is whose value it is.
+
+        An integer is taken where a double is meant (`-p x:=5`), one number where an array is, and
+        a text that YAML 1.1 does not take for the number it is (`9e4` of `ros2 param set`).
+        Nothing is an empty array: so rclpy hands on the `[]` of a parameter file.
+
+        Raises
+        ------
+        ValueError
+            With the sentence that says what must hold.
+        """
+        kind = self.kind
+        if value is None and kind in ARRAYS:
+            return []
+        if kind not in TEXTS:
+            value = _numeric(value)
+        if kind is Kind.BOOL and isinstance(value, bool):
+            return value
+        if kind is Kind.STRING and isinstance(value, str):
+            return self._accept_text(subject, value)
+        if kind is Kind.INTEGER and isinstance(value, int) and not isinstance(value, bool):
+            return int(self._accept_number(subject, value))
+        if kind in (Kind.DOUBLE, Kind.DOUBLE_OR_DOUBLES) and _is_number(value):
+            return self._accept_number(subject, cast(float, value))
+        if kind is Kind.DOUBLES and _is_number(value):
+            return [self._accept_number(subject, cast(float, value))]
+        if kind in (Kind.DOUBLES, Kind.DOUBLE_OR_DOUBLES) and _is_sequence(value):
+            return [self._accept_number(subject, each) for each in cast(Iterable[float], value)]
+        if kind is Kind.STRINGS and _is_sequence(value):
+            items = list(cast(Iterable[object], value))
+            if all(isinstance(item, str) for item in items):
+                return cast(list[str], items)
+        raise ValueError(self.finding(subject, value, kind.noun))
+
+    def _accept_text(self, subject: str, value: str) -> str:
+        if self.choices and value not in self.choices:
+            raise ValueError(self.finding(subject, value, 'one of ' + ', '.join(self.choices)))
+        return value
+
+    def _accept_number(self, subject: str, value: object) -> float:
+        if not _is_number(value):
+            raise ValueError(self.finding(subject, value, self.kind.noun))
+        number = float(cast(float, value))
+        if math.isnan(number) or (self.finite and math.isinf(number)):
+            raise ValueError(self.finding(subject, value, f'a number {self.range}'.rstrip()))
+        if (self.positive and not number > 0.0) or not self.minimum <= number <= self.maximum:
+            raise ValueError(self.finding(subject, value, self.range))
+        return number
+
+
+def _numeric(value: object) -> object:
+    """Return texts that are numbers as these."""
+    if isinstance(value, str):
+        return float(value) if EXPONENTIAL.fullmatch(value) else value
+    if _is_sequence(value):
+        return [_numeric(each) for each in cast(Iterable[object], value)]
+    return value
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _is_sequence(value: object) -> bool:
+    return isinstance(value, Iterable) and not isinstance(value, str | bytes | Mapping)
+
+
+def parameter(
+    name: str,
+    default: Any,
+    text: str,
+    unit: str = '',
+    minimum: float = -math.inf,
+    maximum: float = math.inf,
+    **more: Any,
+) -> Parameter:
+    """Return a row; the kind of a single value is that of its default.
+
+    Parameters
+    ----------
+    name, text, unit, minimum, maximum, **more
+        Of :class:`Parameter`.
+    default : value or type
+        A type where there is no default.
+    """
+    is_needed = isinstance(default, type)
+    kind = more.pop('kind', None) or KINDS[default if is_needed else type(default)]
+    known = None if is_needed else default
+    return Parameter(name, kind, known, text, unit, minimum, maximum, **more)
+
+
+def setting(default: Any, *given: Any, **more: Any) -> Any:
+    """Declare a field of a class of settings, by the arguments of :func:`parameter`."""
+    row = parameter('', default, *given, **more)
+    return field(default=MISSING if row.default is None else default, metadata={ROW: row})
+
+
+def declared(kind: type) -> dict[str, Parameter]:
+    """Return the declared settings of a class by field."""
+    return {each.name: each.metadata[ROW] for each in fields(kind) if ROW in each.metadata}
+
+
+def require_declared(settings: Any, where: str) -> None:
+    """Refuse settings out of their range.
+
+    Raises
+    ------
+    StateError
+        With the first that is.
+    """
+    for name, row in declared(type(settings)).items():
+        try:
+            row.accept(f'{where}: {name}', getattr(settings, name))
+        except ValueError as finding:
+            raise StateError(str(finding)) from finding
