@@ -44,7 +44,7 @@ EXPONENTIAL = re.compile(r'[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+|[-+]?inf')
 
 @dataclass(frozen=True)
 class Parameter:
-    """What a parameter or setting may be; a name that ends in `.*` is a family of names."""
+    """Type, range and text of a parameter; a name that ends in `.*` is a family of names."""
 
     name: str
     kind: Kind

@@ -38,10 +38,13 @@ def is_made_by_interrupt(error: BaseException) -> bool:
 
 @contextmanager
 def noted_interrupts() -> Iterator[None]:
-    """Put Ctrl-C off to the end of the block, in the main thread.
+    """Put Ctrl-C off to the end of the block; other threads than the main one never get it.
 
     For imports: libraries swallow what is raised in them, and the command would go on.
     """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
     noted: list[int] = []
     handler = signal.signal(signal.SIGINT, lambda number, _: noted.append(number))
     try:

@@ -171,7 +171,7 @@ def _described(args: argparse.Namespace, source: Path) -> LinkDescription | None
 
 
 def _numbers(count: int) -> Any:
-    """Return what reads a number of finite numbers from a text."""
+    """Return a reader of a number of finite numbers from a text."""
 
     def read(text: str) -> Array:
         values = np.array([float(part) for part in text.split(',')])
@@ -358,7 +358,7 @@ def _finish(
     found: ReducedMesh,
     files: list[Path],
 ) -> VerbResult:
-    """Write what was found; exit status 2 with doubts."""
+    """Write the result; exit status 2 with doubts."""
     from denoc_ros.model.link_file import write
     from denoc_ros.reduction.description import with_block
     from denoc_ros.reports.provenance import named_file, provenance

@@ -298,7 +298,7 @@ def summarize(plan: Plan, times: NDArray[Any]) -> dict[str, Any]:
 
 
 def _of_limits(plan: Plan) -> dict[str, Any]:
-    """Return the largest shares of limits, and what 1 % more of each would gain."""
+    """Return the largest shares of limits, and the gain of 1 % more of each."""
     use = plan.limits
     if use is None:
         return {}

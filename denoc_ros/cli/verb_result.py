@@ -13,7 +13,7 @@ from denoc_ros.output_files import plain
 
 @dataclass(frozen=True)
 class VerbResult:
-    """What a verb found, ready to be shown.
+    """Result of a verb, ready to be shown.
 
     Attributes
     ----------

@@ -261,7 +261,7 @@ class LimitRows:
         return LimitUse(self.names, np.abs(self.values(at, step)), {})
 
     def changes(self, at: Moments, step: float, by: Moments) -> Array:
-        """Return the derivatives (k, rows, p) of the shares by what the motion changes with."""
+        """Return the derivatives (k, rows, p) of the shares by the motion's parameters."""
         parts = [change(by) for _, change in self._rows(at, step)]
         empty = np.zeros((len(at.q), 0, by.q.shape[-1]))
         return np.concatenate(parts, axis=1) if parts else empty

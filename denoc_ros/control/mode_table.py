@@ -136,7 +136,7 @@ class ModeTable:
         return np.exp(row[:count]), row[count:]
 
     def text_values(self) -> dict[str, Any]:
-        """Return what the file has."""
+        """Return the file's content."""
         rows = zip(self.positions, self.frequencies, self.ratios, strict=True)
         return {
             'joints': list(self.joints),
@@ -178,7 +178,7 @@ def read_mode_table(path: str | Path) -> ModeTable:
 
 
 def _row_finding(row: Any, joints: Any, first: Any) -> str:
-    """Return what is wrong with a posture; '' where nothing is."""
+    """Return the fault of a posture; '' where there is none."""
     if not isinstance(row, Mapping) or set(row) != set(ROW):
         return f'must have the keys {", ".join(ROW)}, got {row!r:.80}'
     for name in ROW:

@@ -125,7 +125,7 @@ def model_errors(
     robot: Robot, joints: Sequence[str], tip: str, coordinates: NDArray[np.intp],
     motion: PlannedMotion, noise: Array,
 ) -> ModelErrors:  # fmt: skip
-    """Return what errors of the model change of a plan whose tip is to stay where it is.
+    """Return the changes of a plan by errors of the model, with the tip kept in place.
 
     Parameters
     ----------
@@ -327,15 +327,15 @@ class ErrorEstimate:
         return np.asarray(pushed @ terms(self.used))
 
     def state(self, time: float) -> Array:
-        """Return what the errors used change of the plan's deviations (2 m,) at a time of it."""
+        """Return the change of the plan's deviations (2 m,) by the errors used, at a time."""
         return np.asarray(self._plan(time)[0] @ terms(self.used))
 
     def torque(self, time: float) -> Array:
-        """Return what the errors used change of the plan's torque (joints,) at a time of it."""
+        """Return the change of the plan's torque (joints,) by the errors used, at a time."""
         return np.asarray(self._plan(time)[1] @ terms(self.used))
 
     def _plan(self, time: float) -> tuple[Array, Array]:
-        """Return what terms of errors change of the plan's states and torque at a time of it."""
+        """Return the changes of the plan's states and torque by terms of errors, at a time."""
         errors = self._errors
         return (
             errors.between(errors.states, time, self._states),

@@ -411,7 +411,7 @@ def _fix_ends(problem: TipProblem, right: Array) -> None:
 
 
 def _add_pull(problem: TipProblem, apart: Array, right: Array) -> None:
-    """Add what draws the driven joints by distances (k, driven, …), and those' bends."""
+    """Add the pull on the driven joints by distances (k, driven, …), and on their bends."""
     j, weight, k = problem.driven, problem.smooth**2, len(apart)
     right[:, j] += problem.draw**2 * apart
     bend = apart[:-2] - 2.0 * apart[1:-1] + apart[2:]
@@ -420,7 +420,7 @@ def _add_pull(problem: TipProblem, apart: Array, right: Array) -> None:
 
 
 def _add_smoothness(problem: TipProblem, band: BlockBand, hessian: Array) -> None:
-    """Add what the second differences of the driven joints' distance from the asked ones cost.
+    """Add the cost of second differences of the driven joints' distance from the asked ones.
 
     Without it, vibrations near the grid's highest frequency in which the tip stands still (zeros
     of the robot that neither grow nor decay) would be found only to a few digits.

@@ -102,7 +102,7 @@ class OutboardLoads:
         return weights
 
     def values(self, robot: DifferentiableMechanism, q: Array, qd: Array, qdd: Array) -> Array:
-        """Return what the values (..., sensors) have beyond the shapes' at states (..., n)."""
+        """Return the part of the values (..., sensors) beyond the shapes' at states (..., n)."""
         cut = self._followed(robot)
         needed = cut.inverse_dynamics(self._spread(q), self._spread(qd), self._spread(qdd))
         return np.asarray(needed @ self._weights.T)
@@ -154,7 +154,7 @@ def _cut(tree: Tree, sensor: Sensor) -> Cut:
 
 
 def _bending(tree: Tree, sensor: Sensor) -> tuple[Deformation, int]:
-    """Return what a sensor sees of its beam, and how many amplitudes stand before."""
+    """Return a sensor's row over its beam, and the number of amplitudes before it."""
     beam = tree.bodies[sensor.body].beam
     assert beam is not None
     deformation = beam.y if sensor.direction == 'y' else beam.z
@@ -268,7 +268,7 @@ class SensorValues(DifferentiableMechanism, KinematicDerivatives):
         return values
 
     def beyond_shapes(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> Array:
-        """Return what values of sensors on beams (..., sensors) have beyond their shapes'."""
+        """Return the part of beam sensors' values (..., sensors) beyond their shapes'."""
         return self._loads().values(self, *self._states(q, qd, qdd))
 
     def beyond_shapes_by_accelerations(self, q: ArrayLike) -> Array:

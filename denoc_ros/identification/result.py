@@ -98,7 +98,7 @@ def quality_of(quality: Quality) -> Document:
 
 @dataclass(frozen=True)
 class DecayOptions:
-    """What of a recording is identified, and of which robot.
+    """Part of a recording to identify, and its robot.
 
     Attributes
     ----------

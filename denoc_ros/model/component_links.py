@@ -195,7 +195,7 @@ def check_frame(
     findings: Findings,
     warnings: list[str],
 ) -> None:
-    """Note what hangs on no frame of a link, or far from its own."""
+    """Note children that hang on no frame of a link, or far from their own."""
     link = element.modes.link
     name = find_frame(link, origin, names)
     if name is None:

@@ -66,7 +66,7 @@ def read_surface(file: Path) -> Any:
 
 @contextmanager
 def _silent(*loggers: str) -> Iterator[None]:
-    """Keep libraries from complaining of what is no error here."""
+    """Keep libraries from reporting errors that are none here."""
     logs = [logging.getLogger(name) for name in loggers]
     levels = [log.level for log in logs]
     for log in logs:

@@ -143,7 +143,7 @@ def _flexible_links(
 def _check_component_frames(
     robot: RigidUrdf, flexibility: Flexibility, findings: Findings, warnings: list[str]
 ) -> None:
-    """Note what hangs on a link with component modes, but on none of its frames."""
+    """Note children of a link with component modes that hang on none of its frames."""
     hung: list[tuple[str, str, Array, tuple[str, ...]]] = [
         (f'joint {joint.name!r}', joint.parent, joint.origin, (joint.name, joint.child))
         for joint in robot.joints

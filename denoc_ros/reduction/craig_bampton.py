@@ -98,7 +98,7 @@ class Factor:
         return np.asarray(found)
 
     def _substitute(self, load: Array) -> Array:
-        """Return what the factor gives for loads."""
+        """Return the factor's solution for loads."""
         scale = self.scale[self.order]
         scale = scale if load.ndim == 1 else scale[:, None]
         ordered = np.ascontiguousarray(scale * load[self.order])
@@ -278,7 +278,7 @@ def _balanced(matrix: Any) -> Array:
 
 
 def _projected(matrix: Any, rows: Rows, ties: Ties) -> Array:
-    """Return what the patches' coordinates do to rows, (r, 6 F)."""
+    """Return the effect of the patches' coordinates on rows, (r, 6 F)."""
     below = matrix[rows]
     return np.hstack([below[:, columns] @ motion for columns, motion in ties])
 

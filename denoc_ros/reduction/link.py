@@ -42,7 +42,7 @@ class Wishes:
 
 @dataclass(frozen=True)
 class Reduction:
-    """A reduced link, and what its page says of it.
+    """A reduced link, and the figures of its page.
 
     `compliance` per outer frame (6,): static compliance along and about x, y, z [m/N, rad/(N m)];
     `patch_share` per frame, the root under '': share of the strain energy within two radii of it

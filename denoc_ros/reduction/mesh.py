@@ -190,7 +190,7 @@ def _unheard() -> Iterator[None]:
 def patch_nodes(
     nodes: Array, solid: Solid | None, radii: Mapping[str, float]
 ) -> Callable[[str, Array], tuple[Rows, float]]:
-    """Return what chooses the nodes of a frame's patch.
+    """Return the chooser of the nodes of a frame's patch.
 
     Parameters
     ----------

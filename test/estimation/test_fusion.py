@@ -296,8 +296,8 @@ def test_robot_that_cannot_be_fused_is_refused(text: str, message: str) -> None:
         ('model_error', '> 0'),
         ('initial_deflection', '> 0'),
         ('gate', '> 0'),
-        ('patience', '> 0'),
-        ('timing_error', '>= 0'),
+        ('patience', '> 0 s'),
+        ('timing_error', '>= 0 s'),
     ],
 )
 def test_bad_fusion_settings_are_refused(name: str, bound: str) -> None:

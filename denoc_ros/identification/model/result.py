@@ -36,7 +36,7 @@ WORDS = {'found': GOOD, 'doubtful': DOUBTFUL, 'not identifiable': NOT_IDENTIFIAB
 
 @dataclass(frozen=True)
 class ModelOptions:
-    """What of a robot is identified, from which recordings.
+    """Numbers of a robot to identify, and the recordings.
 
     Attributes
     ----------

@@ -13,7 +13,7 @@ import pkgutil
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from types import FunctionType
+from types import CellType, FunctionType
 from typing import Any
 
 import numpy as np
@@ -287,10 +287,21 @@ def _plain_kernels(
 
 def _moved(source: FunctionType, spaces: dict[str, dict[str, Any]]) -> FunctionType:
     """Return a function with the same code that looks its names up in the plain namespaces."""
-    space = spaces[source.__module__]
-    moved = FunctionType(source.__code__, space, source.__name__, source.__defaults__)
+    space = spaces[source.__globals__['__name__']]
+    closure = tuple(
+        CellType(_plain(cell.cell_contents, spaces)) for cell in source.__closure__ or ()
+    )
+    moved = FunctionType(source.__code__, space, source.__name__, source.__defaults__, closure)
     moved.__kwdefaults__ = source.__kwdefaults__
     return moved
+
+
+def _plain(value: Any, spaces: dict[str, dict[str, Any]]) -> Any:
+    """Return a compiled function's plain counterpart, looked up when called; or the value."""
+    source = getattr(APART.get(getattr(value, 'symbol', ''), value), 'py_func', None)
+    if source is None:
+        return value
+    return lambda *arguments: spaces[source.__module__][source.__name__](*arguments)
 
 
 TURNS = 4_000  # of a loop per measurement: short enough to run undisturbed now and then
