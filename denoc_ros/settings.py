@@ -11,11 +11,12 @@ import re
 from collections.abc import Iterable, Mapping
 from dataclasses import MISSING, dataclass, field, fields, replace
 from enum import Enum
-from typing import Any, cast
+from typing import Any, TypeVar, cast
 
 from denoc_ros.errors import StateError
 
 Value = bool | int | float | str | list[str] | list[float]
+Settings = TypeVar('Settings')
 
 
 class Kind(Enum):
@@ -195,6 +196,21 @@ def setting(default: Any, *given: Any, **more: Any) -> Any:
 def declared(kind: type) -> dict[str, Parameter]:
     """Return the declared settings of a class by field."""
     return {each.name: each.metadata[ROW] for each in fields(kind) if ROW in each.metadata}
+
+
+def documented(kind: type[Settings]) -> type[Settings]:
+    """Write the declared settings of a class into its docstring, as its attributes."""
+    types = {kind: type.__name__ for type, kind in KINDS.items()}
+    lines = []
+    for name, row in declared(kind).items():
+        unit = f' [{row.unit}]' if row.unit else ''
+        told = ', '.join(filter(None, (row.text + unit, row.range)))
+        lines.append(f'    {name} : {types[row.kind]}\n        {told}\n')
+    text, heading = kind.__doc__ or '', '    Attributes\n    ----------\n'
+    if heading not in text:
+        text = text.replace('    Raises\n', f'{heading}\n    Raises\n', 1)
+    kind.__doc__ = text.replace(heading, heading + ''.join(lines), 1)
+    return kind
 
 
 def require_declared(settings: Any, where: str) -> None:

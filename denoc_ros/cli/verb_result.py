@@ -1,4 +1,4 @@
-"""VerbResult of a verb: numbers for machines, lines for people, the exit status."""
+"""The result of a verb: numbers for machines, lines for people, the exit status."""
 
 from __future__ import annotations
 

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from denoc_ros.settings import require_declared, setting
+from denoc_ros.settings import documented, require_declared, setting
 
 
+@documented
 @dataclass(frozen=True)
 class FeedbackSettings:
     """Weights, delays and noise of the state feedback.

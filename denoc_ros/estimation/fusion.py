@@ -15,7 +15,7 @@ from denoc_ros.dynamics.state_history import StateHistory
 from denoc_ros.dynamics.structure import composed_sensors, sensor_rows
 from denoc_ros.errors import StateError
 from denoc_ros.estimation.amplitude_filter import LARGEST, AmplitudeFilter
-from denoc_ros.settings import require_declared, setting
+from denoc_ros.settings import documented, require_declared, setting
 from denoc_ros.types import Array
 
 if TYPE_CHECKING:
@@ -38,6 +38,7 @@ CREEP = 0.1  # of a step, by which a sensor may come later with each value
 MOST_STEPS = 250  # a covariance older than this is started anew
 
 
+@documented
 @dataclass(frozen=True)
 class FusionSettings:
     """How sensors are fused.

@@ -5,11 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from denoc_ros.estimation.fusion import FusionSettings
-from denoc_ros.settings import require_declared, setting
+from denoc_ros.settings import documented, require_declared, setting
 
 SOURCES = ('joints', 'torque')
 
 
+@documented
 @dataclass(frozen=True)
 class ObserverSettings:
     """Settings of the observer.

@@ -12,13 +12,14 @@ import numpy as np
 from denoc_ros.dynamics.parameter_columns import live_paths
 from denoc_ros.errors import ConfigError
 from denoc_ros.model.numbers import match, own_path, some_of
-from denoc_ros.settings import require_declared, setting
+from denoc_ros.settings import documented, require_declared, setting
 from denoc_ros.types import Array
 
 if TYPE_CHECKING:
     from denoc_ros.dynamics.robot import Robot
 
 
+@documented
 @dataclass(frozen=True)
 class TrackerSettings:
     """How parameters are tracked.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import math
 from importlib import import_module
 from pathlib import Path
@@ -10,9 +11,13 @@ from typing import Any
 import pytest
 import yaml
 
+from denoc_ros.control.feedback_settings import FeedbackSettings
 from denoc_ros.errors import ConfigError
+from denoc_ros.estimation.fusion import FusionSettings
+from denoc_ros.estimation.observer_settings import ObserverSettings
+from denoc_ros.estimation.tracker_settings import TrackerSettings
 from denoc_ros.runtime.parameters import ParameterTable
-from denoc_ros.settings import Kind, Parameter
+from denoc_ros.settings import Kind, Parameter, declared
 
 TABLE = ParameterTable(
     [
@@ -136,3 +141,15 @@ def flatten(values: dict[str, Any], prefix: str = '') -> dict[str, Any]:
         else:
             flat[prefix + key] = value
     return flat
+
+
+@pytest.mark.parametrize(
+    'kind', [TrackerSettings, FusionSettings, ObserverSettings, FeedbackSettings]
+)
+def test_declared_settings_stand_in_the_docstring(kind: type) -> None:
+    text = inspect.getdoc(kind) or ''
+    for name, row in declared(kind).items():
+        assert f'\n{name} : ' in text
+        assert row.text in text
+    assert text.count('Attributes\n') == 1
+    assert text.index('Attributes\n') < text.index('Raises\n')
