@@ -22,7 +22,7 @@ from packaging.utils import NormalizedName, canonicalize_name
 from trust.smoke import inside_script, lost_links, tried
 
 from denoc_ros.cli.config import NODES
-from denoc_ros.reports.provenance import source_commit
+from denoc_ros.reports.versions import source_commit
 
 BUILD_TIMEOUT = 300.0  # s for what takes ten on a machine that does nothing else
 EXTRAS = ('ros', 'viewer', 'test')

@@ -44,7 +44,7 @@ class Version(argparse.Action):
         from importlib.metadata import version
 
         from denoc_ros.cli.config import share_directory
-        from denoc_ros.reports.provenance import source_commit
+        from denoc_ros.reports.versions import source_commit
 
         commit = source_commit(Path(__file__).resolve().parents[1])
         print(f'denoc_ros {version("denoc_ros")}' + (f' (commit {commit})' if commit else ''))

@@ -222,8 +222,10 @@ class SensorInputs:
                 self._subscribe(topic, known[0])
             elif topic not in self._refused:
                 self._refused.add(topic)
-                rule = f'type must be {"one of " * (len(readers) > 1)}{", ".join(readers)}'
-                self._node.get_logger().error(f'sensor topic {topic}: {rule}, got {types}')
+                wanted = ', '.join(readers)
+                self._node.get_logger().error(
+                    f'sensor topic {topic}: type must be one of {wanted}, got {types}'
+                )
 
     def tare(self, predicted: Array) -> list[str]:
         """Remove the sensors' offsets from `predicted` (k,); return the sensors' names."""
