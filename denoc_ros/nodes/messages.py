@@ -9,7 +9,7 @@ from __future__ import annotations
 import struct
 import time
 from collections.abc import Callable, Iterable, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from builtin_interfaces.msg import Duration as DurationMessage
@@ -25,9 +25,10 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from denoc_ros.bags.cdr import stamp_bytes, stamp_fields
 from denoc_ros.bags.definitions import exact_cdr
 from denoc_ros.bags.joint_state import IMPEDANCE
-from denoc_ros.kernels.rotation import write_quaternion
-from denoc_ros.runtime.trajectory_messages import TrajectoryMessage
 from denoc_ros.types import Array
+
+if TYPE_CHECKING:  # it brings the dynamics, which a recorder does without
+    from denoc_ros.runtime.trajectory_messages import TrajectoryMessage
 
 NEWEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 COMMAND = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
@@ -218,13 +219,6 @@ def duration_message(seconds: float) -> DurationMessage:
     """Return a time [s] as a message."""
     whole, rest = divmod(round(1e9 * seconds), 1_000_000_000)
     return DurationMessage(sec=whole, nanosec=rest)
-
-
-def quaternion(rotation: Array) -> Array:
-    """Return the quaternion x, y, z, w of a rotation (3, 3): w >= 0, or the first other > 0."""
-    found = np.empty(4)
-    write_quaternion(np.ascontiguousarray(rotation, dtype=np.float64), found)
-    return found
 
 
 def listeners(publisher: Any) -> Callable[[], int]:

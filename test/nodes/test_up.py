@@ -102,7 +102,9 @@ def test_both_feedforwards_run_are_recorded_and_reported(
 
 def test_ctrl_c_ends_all_nodes_and_leaves_a_whole_bag(tmp_path: Path) -> None:
     run = tmp_path / 'run'
-    process = up(CANADARM, '--output', str(run), '--view', *PLANT_ONLY)
+    # the phase outlasts what a busy machine takes to show the page
+    lasting = ['--duration', '60', '--output', str(run)]
+    process = up(CANADARM, *lasting, '--view', *PLANT_ONLY)
     assert process.stderr is not None
     address = ''
     for line in process.stderr:
