@@ -276,13 +276,19 @@ def _plain_kernels(
     spaces = {module.__name__: dict(vars(module)) for module in modules}
     for space in spaces.values():
         for name, value in space.items():
-            apart = APART.get(getattr(value, 'symbol', ''), value)
-            source = getattr(apart, 'py_func', None)
+            source = _source(value)
             if source is not None:
                 moved = _moved(source, spaces)
                 space[name] = moved if source.__module__ == VECTORS else attributed(moved)
         space.update({name: function for name, function in instead.items() if name in space})
     return spaces
+
+
+def _source(value: Any) -> FunctionType | None:
+    """Return the Python function of a compiled one, by its symbol too; None for other values."""
+    apart = APART.get(getattr(value, 'symbol', ''), value)
+    source: FunctionType | None = getattr(apart, 'py_func', None)
+    return source
 
 
 def _moved(source: FunctionType, spaces: dict[str, dict[str, Any]]) -> FunctionType:
@@ -298,7 +304,7 @@ def _moved(source: FunctionType, spaces: dict[str, dict[str, Any]]) -> FunctionT
 
 def _plain(value: Any, spaces: dict[str, dict[str, Any]]) -> Any:
     """Return a compiled function's plain counterpart, looked up when called; or the value."""
-    source = getattr(APART.get(getattr(value, 'symbol', ''), value), 'py_func', None)
+    source = _source(value)
     if source is None:
         return value
     return lambda *arguments: spaces[source.__module__][source.__name__](*arguments)
