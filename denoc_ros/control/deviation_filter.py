@@ -12,6 +12,7 @@ from denoc_ros.control.feedback_design import BIASES, PostureGains
 from denoc_ros.control.gain_schedule import GainSchedule
 from denoc_ros.control.model_errors import ErrorEstimate
 from denoc_ros.control.read_values import chosen_values
+from denoc_ros.control.residual_modes import is_hardened
 from denoc_ros.dynamics.measured_side import MeasuredStates, whole_robot
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.state_history import StateHistory
@@ -27,6 +28,7 @@ LARGEST = 1e3  # m or rad, and per s: no deviation is that large
 AGEING = 0.02  # weight of the newest values' age in the usual one
 BRIEF = 0.025  # s of a pause that leaves no more than the gains of every period undo
 DOUBTED = 0.3  # of what held torque did in a pause: so far the model may be off
+UNDONE = 0.05  # s after a sensor was found faulty in which the estimate without it acts
 REGAIN = 0.2  # s of good values until the estimate is believed again
 
 
@@ -44,7 +46,8 @@ class DeviationFilter:
     A value is compared with what plan and estimate had at its own stamp. While a sensor that is
     read has given no value of late within the gate, the joints alone correct the estimate, which
     is not believed. Sensors that speak again are listened to within wide bounds, and believed when
-    all have agreed for a while.
+    all have agreed for a while. A sensor that contradicts the joints and the other sensors is left
+    out, and the estimate is not believed either; the others still tell the model's errors.
 
     Parameters
     ----------
@@ -98,14 +101,18 @@ class DeviationFilter:
         self.refused = np.zeros(len(self._sensors), dtype=np.int64)
         self._values, self._stamps = np.zeros(seen), np.zeros(seen)
         self._new = np.zeros(seen, dtype=np.bool_)
-        self._innovation = np.zeros(seen)
+        self._innovation, self._surprise = np.zeros((2, seen))
         self._good_at = np.zeros(seen)
         self._plan, self._own = StateHistory(HISTORY, seen), StateHistory(HISTORY, seen)
         self._slot = {int(place): 2 * self._k + at for at, place in enumerate(self._sensors)}
         self._pause: Pause | None = None
+        self._fault_at = -np.inf
         self.errors: ErrorEstimate | None = None
         if schedule.errors is not None:
-            self.errors = ErrorEstimate(schedule.errors, self._period, len(self.state))
+            checked = len(values) if is_hardened(robot, names) else 0
+            self.errors = ErrorEstimate(
+                schedule.errors, self._period, len(self.state), seen, checked
+            )
         self.joints, self.joints_at = np.zeros(2 * self._k), -np.inf
         self._has_rates = math.isfinite(schedule.settings.velocity_noise)
         self.time = 0.0
@@ -139,7 +146,7 @@ class DeviationFilter:
         self._robot, self._timeout = other._robot, other._timeout
         self._states = other._states
         if other.errors is not None:
-            other.errors.adopt(self.errors)
+            other.errors.adopt(self.errors, self.state)
         self.errors = other.errors
 
     def deviations(self) -> Array:
@@ -191,7 +198,9 @@ class DeviationFilter:
             self._doubted_at = now
         self._own.push(now)[:] = gains.measured @ self.state
         innovation, new, stamps = self._innovation, self._new, self._stamps
-        innovation[:] = 0.0
+        innovation[:] = self._surprise[:] = 0.0
+        if self.errors is not None:
+            self.errors.push(now, gains)
         if self._pause is not None:
             new &= stamps >= self._pause.end
         if not len(self._plan):
@@ -202,7 +211,10 @@ class DeviationFilter:
         ]
         for stamp, sample, at in groups:
             plan = self._plan.at(stamp)
-            innovation[at] = self._values[at] - plan[at] - self._own.at(sample)[at]
+            away = self._values[at] - plan[at]
+            innovation[at] = away - self._own.at(sample)[at]
+            if self.errors is not None:
+                self._surprise[at] = away - self.errors.expected(sample)[at]
             own = at[at < 2 * self._k]
             self.joints[own] = self._values[own] - plan[own]
         if new[0]:
@@ -212,12 +224,14 @@ class DeviationFilter:
         elif self._pause is not None and new[0]:
             self._regain(gains)
         self._begin_biases(gains)
+        self._find_faults(now, gains)
         self._refuse(gains)
         self._good_at[new] = stamps[new]
+        good = new.copy()
         new[:] = False
         self._judge(now, np.abs(innovation) <= GATE * gains.spread)
         for _, sample, at in groups:
-            self._take(sample, at, gains)
+            self._take(sample, at, good, gains)
         if not self._has_rates:
             rates = slice(self._k, 2 * self._k)
             self.joints[rates] = gains.measured[rates] @ self.state
@@ -236,24 +250,47 @@ class DeviationFilter:
         late = max(0, round((age - self._age) / self._period))
         return now - late * self._period
 
-    def _take(self, stamp: float, at: NDArray[np.intp], gains: PostureGains) -> None:
+    def _take(
+        self, stamp: float, at: NDArray[np.intp], good: NDArray[np.bool_], gains: PostureGains
+    ) -> None:
         """Correct the estimate, and its propagation since, by the innovations of a sample."""
         correction, errors = gains.correction, self.errors
-        if errors is not None and self.believed:
-            errors.correct(gains, self._innovation, at, self.time)
+        since = stamp - 0.5 * self._period
+        if errors is not None and not self.blind:
+            learns = self.believed or bool(errors.faulty.any())
+            time = self.time if learns else None
+            errors.take(gains, self._surprise, at, good, self._values, since, time)
+            good = good & errors.heard
+        at = at[good[at]]
         if self.blind:
             at, correction = at[at < 2 * self._k], gains.blind
         if errors is not None:
             errors.follow(gains, correction, at)
         change = correction[:, at] @ self._innovation[at]
         self.state += change
-        self._own.since(stamp - 0.5 * self._period)[1][:] += gains.measured @ change
+        self._own.since(since)[1][:] += gains.measured @ change
+        if errors is not None and self.blind:
+            errors.restart(gains, self.state)
+
+    def _find_faults(self, now: float, gains: PostureGains) -> None:
+        """Leave out a sensor that contradicts the others, and what it has done to the estimate."""
+        errors = self.errors
+        if errors is None or self.blind or not errors.find_faults(now, gains):
+            return
+        before, self._fault_at = gains.measured @ self.state, now
+        self.state[:] = errors.estimate
+        seen = gains.measured @ self.state
+        self._own.since(-np.inf)[1][:] += seen - before
+        self._innovation[self._new] -= (seen - before)[self._new]
+        self._surprise[:] = self._innovation
 
     def _begin(self, now: float, gains: PostureGains) -> None:
         """Start from the measured state: a jump would look like vibration."""
         before, most = gains.measured @ self.state, FAR * gains.reach
         most[: 2 * self._k] = np.inf
         fits = self._new & (np.abs(self._innovation) <= most) & np.isfinite(gains.spread)
+        if self.errors is not None:
+            fits &= self.errors.heard
         fits[self._biased] = False  # of those the bias is what is known least
         at = np.flatnonzero(fits)
         weights = 1.0 / gains.spread[at]
@@ -267,6 +304,13 @@ class DeviationFilter:
         self._fresh, self._began = False, now
         if self.errors is not None:
             self.errors.forget_deviations()
+        self._agree(gains)
+
+    def _agree(self, gains: PostureGains) -> None:
+        """Let the estimate that learns go on from this one."""
+        if self.errors is not None:
+            self.errors.restart(gains, self.state)
+            self._surprise[:] = self._innovation
 
     def _begin_biases(self, gains: PostureGains) -> None:
         """Initialize a gyroscope's bias by its first value."""
@@ -279,6 +323,7 @@ class DeviationFilter:
         self._own.since(-np.inf)[1][:, at] += biases[first]
         self._innovation[at] -= biases[first]
         self._unbiased[first] = False
+        self._agree(gains)
 
     def doubt(self, pushed: Array, seconds: float, now: float) -> None:
         """Take note that the loop was away.
@@ -328,6 +373,7 @@ class DeviationFilter:
         self._innovation[at] -= seen[at]
         if self.errors is not None:
             self.errors.follow(gains, correction, at)
+        self._agree(gains)
 
     def _refuse(self, gains: PostureGains) -> None:
         """Leave out sensors' values that are too far off."""
@@ -359,6 +405,12 @@ class DeviationFilter:
             if now - self._began >= RESTART:
                 self._forget()
                 self._fresh = True
+        elif self.errors is not None and self.errors.faulty.any():
+            worst = self._names[int(np.argmax(self.errors.faulty))]
+            self.cause = f'{worst} contradicts the other measurements'
+            # first undo what the torque has made of that sensor
+            self.believed = self.believed and now - self._fault_at <= UNDONE
+            self._doubted_at = now
         elif not self.believed:
             if not agrees[2 * self._k :].all():
                 self._doubted_at = now
@@ -374,6 +426,6 @@ class DeviationFilter:
         self.state = gains.transition @ self.state
         self.state[: len(pushed)] += pushed
         if self.errors is not None:
-            pushed -= self.errors.go_on(gains, self.state, self.time)
+            pushed -= self.errors.go_on(gains, self.state, self.time, pushed)
             self.time += self._period
         return pushed

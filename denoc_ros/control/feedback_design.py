@@ -102,6 +102,11 @@ class PostureGains:
     joints : (joints, 2 joints) array
         Torque = -joints [deviations of the measured joints; of their rates], beside that of
         `gain`.
+    learner : (e, measured) array
+        Correction of the estimate by which errors of the model and faults of sensors are found.
+        Nothing feeds it back, so it may trust the model and the sensors more.
+    surprise : (measured, measured) array
+        Covariance of the innovations of that estimate.
     """
 
     gain: Array
@@ -114,6 +119,8 @@ class PostureGains:
     reach: Array
     virtual: Array
     joints: Array
+    learner: Array
+    surprise: Array
 
 
 def virtual_joints(model: DeviationModel, settings: FeedbackSettings) -> Array:
@@ -336,7 +343,7 @@ def whole_rows(model: DeviationModel, noise: Noise) -> Array:
 def estimator(
     measured: Array, transition: Array, noise: Noise, forces: Array, seen: int
 ) -> tuple[Array, Array]:
-    """Return the correction (e, seen) of the settled filter and all innovations' deviations.
+    """Return the correction (e, seen) of the settled filter and all innovations' covariance.
 
     Parameters
     ----------
@@ -376,4 +383,4 @@ def estimator(
     every = rows @ covariance @ rows.T + np.eye(len(rows))
     solved = np.linalg.solve(every[:seen, :seen], rows[:seen] @ covariance).T
     correction = unit[:, None] * solved / deviations[:seen]
-    return correction, deviations * np.sqrt(np.diag(every))
+    return correction, deviations[:, None] * every * deviations

@@ -61,6 +61,10 @@ OTHERS = ', and with other modes of the links'
 LEFT_ALONE, MORE_DAMPED = 6.0, 0.3
 HALVINGS = 5  # of the joints' bandwidth
 NEUTRAL = 1e-9  # what rounding makes of a modulus of 1
+# the estimate that learns: factor of the noise of sensors on beams, and share of the model's error
+# that is left where stiffness and load are estimated
+FINE, KNOWN_FINE = 4.0, 0.01
+TRUST = 0.3  # without modes beyond the design's: the filter allows for more than is true
 TRIED = 3  # postures at which robots with other modes are tried, at most
 PARTS = (1.0, 0.5)  # of the feedback: it comes in and goes
 Plant = tuple[DeviationModel, float, float, str]
@@ -254,11 +258,14 @@ def design(
     proof = Proof(robot, joints, rows, [states[k] for k in chosen], settings, hard)
     settings = _with_stable_joints(settings, proof, [models[k] for k in chosen])
     share = (KNOWN if hard and knows_errors(robot) else 1.0) * settings.model_error
+    fine = None
+    if hard and knows_errors(robot):
+        fine = noise_of(robot, len(joints), values, limits, settings, FINE)
     if hard:  # what moves faster is left to the joints' own feedback
         models = [model.damped(LEFT_ALONE, MORE_DAMPED) for model in models]
     for factor in LOWER if hard else LOWER[:1]:
         lower = replace(settings, **{name: factor * getattr(settings, name) for name in LOWERED})
-        gains = _gains(robot, models, states, limits, lower, noise, doublings, share)
+        gains = _gains(robot, models, states, limits, lower, noise, doublings, share, fine)
         slowest = proof.slowest([gains[k] for k in chosen])
         if slowest.modulus < 1.0:
             break
@@ -283,6 +290,7 @@ def design(
 def _gains(
     robot: Robot, models: Sequence[DeviationModel], states: Sequence[PlannedState],
     limits: Array, settings: FeedbackSettings, noise: Noise, doublings: int, share: float,
+    fine: Noise | None,
 ) -> list[PostureGains]:  # fmt: skip
     """Return the gains at each state."""
     cost: Array | None = None
@@ -297,14 +305,21 @@ def _gains(
             model.disturbed(settings.period, CORRELATION), settings.period
         )
         measured = whole_rows(model, noise)
-        correction, spread = estimator(measured, transition, noise, forces, len(measured))
+        correction, covariance = estimator(measured, transition, noise, forces, len(measured))
+        spread = np.sqrt(np.diag(covariance))
+        learner, surprise = correction, np.diag((TRUST * spread) ** 2)
+        if fine is not None:
+            forces = fine.forces(state, stiff, KNOWN_FINE * settings.model_error)
+            learner, surprise = estimator(measured, transition, fine, forces, len(measured))
+            forces = noise.forces(state, stiff, share)
         blind, _ = estimator(measured, transition, noise, forces, 2 * model.joints)
         sampled = model.sampled(settings.period, settings.delay)
         s = 2 * model.size
         push = np.hstack([sampled.a[:s, s:], sampled.b[:s]])
         gains.append(PostureGains(
             gain_of(problem, cost, limits, settings), transition, push, correction,
-            measured, spread, blind, reach_of(model, noise), problem.virtual, inner,
+            measured, spread, blind, reach_of(model, noise), problem.virtual, inner, learner,
+            surprise,
         ))  # fmt: skip
     gains.reverse()
     return gains
@@ -339,13 +354,8 @@ def design_along(
     found = design(robot, joints, limits, motion.times, motion.states, settings)
     if not knows_errors(robot):
         return found
-    noise = np.zeros(0)
-    if is_hardened(robot, joints):
-        own = np.repeat([settings.position_noise, settings.velocity_noise], len(joints))
-        values = chosen_values(robot.tree, found.sensors)
-        noise = np.concatenate([own, [value.noise for value in values]])
     try:
-        errors = model_errors(robot, joints, settings.tip, found.coordinates, motion, noise)
+        errors = model_errors(robot, joints, settings.tip, found.coordinates, motion)
     except SolverError:
         return found
     return replace(found, errors=errors)

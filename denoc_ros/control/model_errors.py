@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -18,6 +19,7 @@ from denoc_ros.control.tip_grid import DRAW, LONGEST_STEP, NODES, SMOOTH, TURN
 from denoc_ros.control.tip_problem import TipProblem
 from denoc_ros.control.tip_solver import settle
 from denoc_ros.dynamics.robot import Robot
+from denoc_ros.dynamics.state_history import StateHistory
 from denoc_ros.model.arrays import is_flexible
 from denoc_ros.types import Array
 
@@ -27,14 +29,19 @@ AFTER = 2.0  # s after the end of the motion that such a plan may use
 PAIRED = 4  # errors of which all pairs are tried; of more each alone
 LIKELY = 0.2  # standard deviation of an error before anything is measured
 LARGEST = 0.4  # error that is believed
-TRUST = 0.3  # the innovations' spread counts so much: the filter allows for more than is true
-# in its place, where robots have modes beyond the design: what no error explains, and for how
-# long [s] that stays alike, and over which time its size is averaged
-ALIKE, AVERAGED = 0.075, 1.0
-GATE = 4.0  # of the innovations' spread: beyond it something else was at work
+GATE = 5.0  # of the innovations' spread: beyond it something else was at work
 QUIET = 0.3  # s after a pause of the loop in which its trace is not taken for an error's
-DOUBT = 1.0  # standard deviations within which a combination of errors may well be none
+DOUBT = 1.5  # standard deviations within which a combination of errors may well be none
 ENTERS = 0.03  # s over which an error comes in
+HISTORY = 256  # periods over which values may be late
+KEPT, APART = 3, 0.1  # estimates of the past that are kept, and the time between them [s]
+RECENT = 0.15  # s of innovations in which a sensor that contradicts the others shows
+EVERY = 0.004  # s between such tests
+# chi-squared of an offset of one sensor's values: beyond it the sensor is faulty, within it the
+# sensor agrees
+FAULTY, AGREES = 20.0, 9.0
+CLIP = 4.0  # standard deviations by which one value counts, and more if that before it did
+SCALE = 0.1  # error of a sensor's scale that must have shown until it is heard again
 WALK = 0.01  # standard deviation of what an error changes within a second
 
 
@@ -53,14 +60,11 @@ class ModelErrors:
         What the plan's minimal coordinates and their rates change by.
     torques : (k, joints, terms) array
         What its torque changes by [N m, N].
-    noise : (measured,) array
-        Standard deviations of the measurements by which the errors are found.
     """
 
     step: float
     states: Array
     torques: Array
-    noise: Array
 
     @property
     def count(self) -> int:
@@ -123,7 +127,7 @@ def with_errors(robot: Robot, tip: str, errors: Array) -> Robot:
 
 def model_errors(
     robot: Robot, joints: Sequence[str], tip: str, coordinates: NDArray[np.intp],
-    motion: PlannedMotion, noise: Array,
+    motion: PlannedMotion,
 ) -> ModelErrors:  # fmt: skip
     """Return the changes of a plan by errors of the model, with the tip kept in place.
 
@@ -138,7 +142,6 @@ def model_errors(
         The minimal ones.
     motion : PlannedMotion
         Of the robot, as planned.
-    noise : (measured,) array
 
     Raises
     ------
@@ -174,7 +177,7 @@ def model_errors(
     changed = [np.array([one[part] - exact[part] for one in plans]) for part in range(3)]
     q, qd, torques = (np.einsum('tp,pkn->knt', by_terms, part) for part in changed)
     states = np.concatenate([q[:, coordinates], qd[:, coordinates]], axis=1)
-    return ModelErrors(step, states, torques, noise)
+    return ModelErrors(step, states, torques)
 
 
 def _nodes(motion: PlannedMotion) -> tuple[float, Array]:
@@ -188,23 +191,32 @@ def _nodes(motion: PlannedMotion) -> tuple[float, Array]:
 
 
 class ErrorEstimate:
-    """Errors of the model along a plan, and the plan of the robot that has them.
+    """Errors of the model along a plan, the plan of the robot that has them, faulty sensors.
 
     The filter of deviations takes the robot for one with the errors `used`, on that robot's plan,
     its tip where it was: deviations stay small however wrong the model is. The filter is then off
-    by `seen` @ (errors - used), whatever the deviations are, and its innovations show the errors.
-    Filter, gains and the proof of their stability stay as they are.
+    by `seen` @ (errors - used), whatever the deviations are. Filter, gains and the proof of their
+    stability stay as they are.
 
-    What the innovations have beyond the errors' own uncertainty no error explains: noise, a gauge
-    that sticks, a beam that bends otherwise. It counts as noise: nothing is learned of it.
+    A second estimate of the deviations, which nothing feeds back, shows the errors by its
+    innovations: it allows for less that nobody knows than the filter of a loop must.
+
+    A sensor that is dead, stuck, turned over or out of scale has values that are off by about a
+    constant for a while. That shifts the second estimate and its innovations, too, but otherwise
+    than errors of the model. Over a short past the innovations are fitted by the errors and the
+    offset of each sensor in turn. A sensor is faulty whose offset explains much that no errors
+    do. For each sensor an estimate runs along that has not heard it, and goes on in place of the
+    second one if the sensor is faulty. The sensor agrees again when it has been near that estimate
+    for as long as an error of its scale by `SCALE` takes to show.
 
     Parameters
     ----------
     errors : ModelErrors
     period : float
         Of the loop [s].
-    size : int
-        Of the filter's estimate.
+    size, measured, sensors : int
+        Parts of the filter's estimate; measurements; how many of these, the last ones, are of
+        sensors that may be faulty.
 
     Attributes
     ----------
@@ -215,42 +227,92 @@ class ErrorEstimate:
         standard deviations, followed smoothly.
     seen : (e, errors) array
         How far the filter's estimate is from the truth, by unit errors.
+    faulty : (sensors,) bool array
+    heard : (measured,) bool array
+        All measurements but those of faulty sensors.
 
     Notes
     -----
     Two-stage estimation of a constant bias: B. Friedland, Treatment of bias in recursive
-    filtering, IEEE Transactions on Automatic Control 14 (1969). Noise from the innovations: R. K.
-    Mehra, On the identification of variances and adaptive Kalman filtering, same 15 (1970).
+    filtering, IEEE Transactions on Automatic Control 14 (1969). Faults by a generalized
+    likelihood ratio: A. S. Willsky and H. L. Jones, A generalized likelihood ratio approach to the
+    detection and estimation of jumps in linear systems, same 21 (1976).
     """
 
-    def __init__(self, errors: ModelErrors, period: float, size: int) -> None:
+    def __init__(
+        self, errors: ModelErrors, period: float, size: int, measured: int, sensors: int
+    ) -> None:
         self._errors, self._period = errors, period
-        self.values, self.used = np.zeros((2, self._errors.count))
-        self.seen: Array = np.zeros((size, self._errors.count))
-        self._covariance: Array = LIKELY**2 * np.eye(self._errors.count)
+        count = errors.count
+        self.values, self.used = np.zeros((2, count))
+        self.seen: Array = np.zeros((size, count))
+        self._covariance: Array = LIKELY**2 * np.eye(count)
         self._quiet = -np.inf
-        self._unexplained = np.square(self._errors.noise)
         # at rest errors show no more: what is seen then is noise
         self._end = (len(self._errors.states) - 1) * self._errors.step
         self._states = np.zeros(self._errors.states.shape[1:])
         self._torques = np.zeros(self._errors.torques.shape[1:])
+        self._past: deque[tuple[Array, Array]] = deque(maxlen=KEPT)
+        self._since = 0.0
+        # estimates without each sensor, then with all, and how far they are off by unit errors
+        self._bank: Array = np.zeros((size, sensors + 1, 1 + count))
+        # how far the last one is off by unit offsets of sensors
+        self._shift: Array = np.zeros((size, sensors))
+        self._first = measured - sensors
+        self._hears = np.ones((measured, sensors + 1, 1))
+        self._hears[self._first :, :-1, 0] -= np.eye(sensors)
+        self._offsets = np.eye(measured)[:, self._first :]
+        self._expected = StateHistory(HISTORY, measured)
+        self._information = np.zeros((count + sensors, count + sensors))
+        self._explained = np.zeros(count + sensors)
+        self._mean, self._agreed = np.zeros((2, sensors))
+        self._before = np.zeros(measured)
+        self._tested, self._settled = -np.inf, np.inf
+        self.faulty = np.zeros(sensors, dtype=np.bool_)
+        self.heard = np.ones(measured, dtype=np.bool_)
+
+    @property
+    def estimate(self) -> Array:
+        """The second estimate (e,)."""
+        return self._bank[:, -1, 0]
 
     def reset(self) -> None:
-        """Forget the errors."""
+        """Forget the errors and the faults."""
         self.values[:] = self.used[:] = 0.0
         self._covariance = LIKELY**2 * np.eye(len(self.values))
-        self._unexplained[:] = np.square(self._errors.noise)
+        self._past.clear()
+        self.faulty[:], self.heard[:], self._agreed[:] = False, True, 0.0
+        self._bank[:], self._shift[:] = 0.0, 0.0
+        self._expected.clear()
         self.forget_deviations()
+        self._forget_innovations()
 
     def forget_deviations(self) -> None:
         """Take note that the filter has started anew from measurements."""
         self.seen[:] = 0.0
 
-    def adopt(self, other: ErrorEstimate | None) -> None:
-        """Go on with the values of another estimate of the same errors."""
-        if other is not None and other.seen.shape == self.seen.shape:
+    def restart(self, gains: PostureGains, state: Array) -> None:
+        """Let the second estimate go on from that of the filter."""
+        self._bank[..., 0], self._bank[..., 1:] = state[:, None], self.seen[:, None]
+        self._shift[:] = 0.0
+        self._expected.since(-np.inf)[1][:] = gains.measured @ state
+        self._forget_innovations()
+
+    def _forget_innovations(self) -> None:
+        self._settled = np.inf
+        self._information[:], self._explained[:] = 0.0, 0.0
+
+    def adopt(self, other: ErrorEstimate | None, state: Array) -> None:
+        """Go on with the values of another estimate of the same errors, if there is one.
+
+        `state` (e,) is that of the filter.
+        """
+        self._bank[..., 0] = state[:, None]
+        if other is not None and other._bank.shape == self._bank.shape:
             self.values[:], self.used[:], self.seen[:] = other.values, other.used, other.seen
-            self._covariance, self._unexplained = other._covariance, other._unexplained
+            self._covariance, self._past = other._covariance, other._past
+            self._bank, self._shift, self._expected = other._bank, other._shift, other._expected
+            self.faulty, self.heard, self._agreed = other.faulty, other.heard, other._agreed
 
     def show(self, time: float) -> bool:
         """Say whether a time of the plan [s] is one of its motion, in which the errors show."""
@@ -259,35 +321,141 @@ class ErrorEstimate:
     def doubt(self, time: float) -> None:
         """Learn nothing for a while from a time of the plan [s] on: the torque was not as told."""
         self._quiet = time + QUIET
+        self._forget_innovations()
 
-    def correct(
-        self, gains: PostureGains, innovation: Array, at: NDArray[np.intp], time: float
-    ) -> None:
-        """Learn from the innovations of the filter at some places, at a time of the plan [s]."""
-        if not self._quiet <= time <= self._end or not len(at):
+    def push(self, now: float, gains: PostureGains) -> None:
+        """Take note of what the second estimate expects now [s]."""
+        self._expected.push(now)[:] = gains.measured @ self.estimate
+
+    def expected(self, time: float) -> Array:
+        """Return the measurements (measured,) beyond the plan's that it expected at a time [s]."""
+        return self._expected.at(time)
+
+    def take(
+        self, gains: PostureGains, innovation: Array, at: NDArray[np.intp],
+        good: NDArray[np.bool_], values: Array, since: float, time: float | None,
+    ) -> None:  # fmt: skip
+        """Correct the second estimate, and learn from its innovations.
+
+        Parameters
+        ----------
+        gains : PostureGains
+        innovation : (measured,) array
+            Of the second estimate.
+        at : (k,) int array
+            Which of them are new.
+        good : (measured,) bool array
+            Which of them may correct the estimate.
+        values : (measured,) array
+            As they were measured.
+        since : float
+            When they were measured [s]: what was expected later is corrected as well.
+        time : float or None
+            Of the plan [s]; None: nothing is to be learned of the errors.
+        """
+        read, covariance = gains.measured[at], gains.surprise[np.ix_(at, at)]
+        rows = (read @ self._bank.reshape(len(self._bank), -1)).reshape(-1, *self._bank.shape[1:])
+        by_errors, by_offsets = rows[:, -1, 1:], self._offsets[at] + read @ self._shift
+        shown = np.hstack([by_errors, by_offsets])
+        counted = innovation[at]
+        if len(self.faulty):  # a single outlier counts little
+            most = CLIP * np.sqrt(np.diag(covariance))
+            most = np.maximum(most, np.sign(counted) * self._before[at])
+            self._before[at] = counted
+            counted = np.minimum(np.maximum(counted, -most), most)
+        heard = self.heard[at]
+        self._hear_faulty(at[~heard], by_errors[~heard], innovation, values, gains)
+        if not heard.any():
             return
-        expected = gains.measured[at] @ self.seen
-        left = innovation[at] - expected @ (self.values - self.used)
-        if (np.abs(left) > GATE * gains.spread[at]).any():
-            self.doubt(time)
-            return
-        across = self._covariance @ expected.T
-        known = expected @ across
-        noise = np.square(TRUST * gains.spread[at])
-        if len(self._unexplained):
-            beyond = np.maximum(left**2 - np.diag(known), 0.0)
-            self._unexplained[at] += self._period / AVERAGED * (beyond - self._unexplained[at])
-            noise = ALIKE / self._period * self._unexplained[at]
-        gain = np.linalg.solve(known + np.diag(noise), across.T).T
+        among = np.ix_(heard, heard)
+        whitened = np.linalg.solve(covariance[among], shown[heard])
+        self._information += shown[heard].T @ whitened
+        self._explained += (counted + by_errors @ self.used)[heard] @ whitened
+        heard &= good[at]
+        if time is not None and self._quiet <= time <= self._end and heard.any():
+            if (np.abs(counted) > GATE * gains.spread[at])[heard].any():
+                self._quiet = time + QUIET
+            else:
+                covariance = covariance[np.ix_(heard, heard)]
+                self._learn(innovation[at[heard]], by_errors[heard], covariance)
+        correction = gains.learner[:, at[heard]]
+        change = correction @ counted[heard]
+        self._expected.since(since)[1][:] += gains.measured @ change
+        self._shift -= correction @ by_offsets[heard]
+        left = -rows
+        left[..., 0] += (rows[:, -1, 0] + counted)[:, None]
+        left *= self._hears[at]
+        flat = correction @ left[heard].reshape(correction.shape[1], -1)
+        self._bank += flat.reshape(self._bank.shape)
+
+    def _hear_faulty(
+        self, at: NDArray[np.intp], shown: Array, innovation: Array, values: Array,
+        gains: PostureGains,
+    ) -> None:  # fmt: skip
+        """Judge by innovations whether faulty sensors agree again."""
+        share = self._period / RECENT
+        for k, by_errors in zip(at, shown, strict=True):
+            j = k - self._first
+            self._mean[j] += share * (innovation[k] - self._mean[j])
+            variance = share * gains.surprise[k, k] + by_errors @ self._covariance @ by_errors
+            if self._mean[j] ** 2 > AGREES * variance:
+                self._agreed[j] = 0.0
+            else:
+                said = values[k] - innovation[k]
+                self._agreed[j] += share * (SCALE * said) ** 2 / variance
+        self.faulty &= self._agreed < FAULTY
+
+    def _learn(self, innovation: Array, shown: Array, covariance: Array) -> None:
+        """Learn the errors from innovations (k,) that show them by (k, errors)."""
+        left = innovation - shown @ (self.values - self.used)
+        across = self._covariance @ shown.T
+        inner = shown @ across + covariance
+        gain = np.linalg.solve(inner, across.T).T
         self.values += gain @ left
         np.clip(self.values, -LARGEST, LARGEST, out=self.values)
         self._covariance = self._covariance - gain @ across.T
+
+    def find_faults(self, now: float, gains: PostureGains) -> bool:
+        """Say whether one more sensor is faulty from now [s] on; those that agree again are heard.
+
+        The estimate without it goes on, and what has been learned lately is forgotten.
+        """
+        self._settled = min(self._settled, now + RECENT)
+        elapsed = now - self._tested
+        if elapsed < EVERY or not len(self.faulty):
+            return False
+        self._tested = now
+        e = len(self.values)
+        inner = self._information[:e, :e] + np.eye(e) / LIKELY**2
+        across = self._information[:e, e:]
+        by_errors = np.linalg.solve(inner, across)
+        left = self._explained[e:] - self._explained[:e] @ by_errors
+        known = np.diag(self._information)[e:] - (across * by_errors).sum(axis=0)
+        offsets = np.divide(left, known, out=np.zeros(len(left)), where=known > 0.0)
+        squares = left * offsets
+        fading = math.exp(-min(elapsed, RECENT) / RECENT)
+        self._information *= fading
+        self._explained *= fading
+        worst = int(np.argmax(np.where(self.faulty, 0.0, squares)))
+        found = bool(squares[worst] > FAULTY and now >= self._settled)
+        if found:
+            self.faulty[worst], self._agreed[worst], self._mean[worst] = True, 0.0, offsets[worst]
+            self._bank[:] = self._bank[:, worst, None].copy()
+            self._shift[:] = 0.0
+            self.seen[:] = self._bank[:, -1, 1:]
+            self._expected.since(-np.inf)[1][:] = gains.measured @ self.estimate
+            self._forget_innovations()
+            if self._past:
+                self.values[:], self._covariance = self._past[0]
+                self._past.clear()
+        self.heard[self._first :] = ~self.faulty
+        return found
 
     def follow(self, gains: PostureGains, correction: Array, at: NDArray[np.intp]) -> None:
         """Take note that the filter has corrected its estimate by the innovations at places."""
         self.seen -= correction[:, at] @ (gains.measured[at] @ self.seen)
 
-    def go_on(self, gains: PostureGains, state: Array, time: float) -> Array:
+    def go_on(self, gains: PostureGains, state: Array, time: float, pushed: Array) -> Array:
         """Go on by a period from a time of the plan [s].
 
         A robot with the errors stays on its own plan under its torque.
@@ -298,6 +466,8 @@ class ErrorEstimate:
         state : (e,) array
             Of the filter; changed to that under the plan's torque.
         time : float
+        pushed : (2 m,) array
+            What all torques do to the deviations.
 
         Returns
         -------
@@ -305,26 +475,38 @@ class ErrorEstimate:
             What the torque of the errors `used` does to the deviations.
         """
         held = gains.push.reshape(len(gains.push), -1, len(self._torques)).sum(axis=1)
-        s, rates = len(held), terms_rate(self.used)
+        s, e, rates = len(held), len(self.values), terms_rate(self.used)
         states, torques = self._plan(time)
-        pushed = held @ torques
+        by_torque = held @ torques
         away = gains.transition[:, :s] @ states
-        away[:s] += pushed
-        self.seen = gains.transition @ self.seen - away @ rates
-        state -= away @ terms(self.used)
-        states, _ = self._plan(time + self._period)
-        self.seen[:s] += states @ rates
-        state[:s] += states @ terms(self.used)
-        self._covariance += WALK**2 * self._period * np.eye(len(self.values))
+        away[:s] += by_torque
+        self.seen = gains.transition @ self.seen
+        self._shift = gains.transition @ self._shift
+        bank = gains.transition @ self._bank.reshape(len(self._bank), -1)
+        self._bank = bank.reshape(self._bank.shape)
+        self._bank[:s, :, 0] += pushed[:, None]
+        after, _ = self._plan(time + self._period)
+        change = -away
+        change[:s] += after
+        self.seen += change @ rates
+        state += change @ terms(self.used)
+        self._bank[..., 0] += (change @ terms(self.used))[:, None]
+        self._bank[..., 1:] += (change @ rates)[:, None]
+        self._covariance = self._covariance + WALK**2 * self._period * np.eye(e)
         believed = self.values
-        if len(self._unexplained):
+        if len(self.faulty):
             variances, ways = np.linalg.eigh(self._covariance)
             along, doubt = ways.T @ self.values, DOUBT**2 * variances
             believed = ways @ (along * (1.0 - doubt / np.maximum(along**2, doubt)))
         change = self._period / (self._period + ENTERS) * (believed - self.used)
         self.used += change
         state += self.seen @ change
-        return np.asarray(pushed @ terms(self.used))
+        self._bank[..., 0] += self._bank[..., 1:] @ change
+        self._since += self._period
+        if self._since >= APART:
+            self._since = 0.0
+            self._past.append((self.values.copy(), self._covariance))
+        return np.asarray(by_torque @ terms(self.used))
 
     def state(self, time: float) -> Array:
         """Return the change of the plan's deviations (2 m,) by the errors used, at a time."""

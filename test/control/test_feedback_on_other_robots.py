@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cache
 
 import numpy as np
 import pytest
-from feedback_runs import PERIOD, START, Loop, canadarm, described, tip_exact
+from feedback_runs import PERIOD, START, Loop, Planned, canadarm, described, tip_exact
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -134,3 +135,39 @@ def test_right_numbers_with_other_modes_keep_the_tip() -> None:
     # 3.0 mm; with feedback that knows of no other modes the arm is lost, metres off
     assert run.rms < 0.005
     assert (run.share[1000:] == 1.0).all()
+
+
+@cache
+def quick() -> tuple[Planned, GainSchedule]:
+    """Return a motion of 4 s and its gains."""
+    planned = tip_exact(4.0, 0.3, described())
+    return planned, planned.schedule()
+
+
+@pytest.mark.parametrize(
+    'wrong', [lambda value: 0.0, lambda value: -value, lambda value: 1.3 * value]
+)
+def test_faulty_gauge_is_found_and_left_out(wrong: Callable[[float], float]) -> None:
+    planned, schedule = quick()
+    feedback, begin = StateFeedback(planned.robot, schedule), 1.2
+    loop = Loop(planned, canadarm(source=described(modes=4)), feedback)
+    loop.wrong = lambda now, value: value if now < begin else wrong(value)
+    found: list[float] = []
+    applied = feedback.applied
+
+    def watched(change: Array) -> None:
+        errors = feedback.filter.errors
+        assert errors is not None
+        if errors.faulty.any():
+            found.append(feedback.filter.time)
+            np.testing.assert_array_equal(errors.faulty, [True, False, False, False])
+        applied(change)
+
+    feedback.applied = watched  # type: ignore[method-assign]
+    run = loop.run(2.2)
+    assert 0.0 <= found[0] - begin < 0.05
+    assert feedback.filter.cause == 'link_1_y_root contradicts the other measurements'
+    assert not run.share[-500:].any()
+    # as much as the torque may change with feedback of right sensors
+    assert np.abs(np.diff(run.torque, axis=0)).max() < 0.05 * planned.limits[0]
+    assert run.error.max() < 0.025
