@@ -406,8 +406,8 @@ class DeviationFilter:
                 self._forget()
                 self._fresh = True
         elif self.errors is not None and self.errors.faulty.any():
-            worst = self._names[int(np.argmax(self.errors.faulty))]
-            self.cause = f'{worst} contradicts the other measurements'
+            first = self._names[int(np.argmax(self.errors.faulty))]
+            self.cause = f'{first} contradicts the other measurements'
             # first undo what the torque has made of that sensor
             self.believed = self.believed and now - self._fault_at <= UNDONE
             self._doubted_at = now
