@@ -51,11 +51,19 @@ class PageSection:
 
 @dataclass(frozen=True)
 class Card:
-    """A figure of merit on top of a page."""
+    """A figure of merit on top of a page.
+
+    Attributes
+    ----------
+    label, value, note : str
+    rows : sequence of (name, value)
+        In place of one value, those of several phases or motions.
+    """
 
     label: str
-    value: str
+    value: str = ''
     note: str = ''
+    rows: Sequence[tuple[str, str]] = ()
 
 
 @dataclass(frozen=True)
