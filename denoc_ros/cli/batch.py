@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from functools import partial
 from importlib import import_module
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from tqdm import tqdm
@@ -239,7 +240,12 @@ def _client(workers: WorkerConfig, tasks: int) -> Iterator[Any]:
         with closing(client):
             yield client
         return
-    with _required('dask').config.set(LEAN), ExitStack() as stack:
+    # Dask would take a folder in the temporary one that another user has made, and import from it
+    with (
+        TemporaryDirectory(prefix='denoc-', ignore_cleanup_errors=True) as own,
+        _required('dask').config.set({**LEAN, 'temporary-directory': own}),
+        ExitStack() as stack,
+    ):
         # Ctrl-C is for this process, which ends the others in order
         with deferred_interrupts():
             cluster = stack.enter_context(
@@ -249,6 +255,7 @@ def _client(workers: WorkerConfig, tasks: int) -> Iterator[Any]:
                     dashboard_address=None,
                     silence_logs=logging.ERROR,
                     env=SINGLE_THREADED,
+                    local_directory=own,
                 )
             )
             client = stack.enter_context(closing(distributed.Client(cluster)))

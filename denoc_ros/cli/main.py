@@ -14,6 +14,7 @@ from contextlib import nullcontext
 from pathlib import Path
 from typing import NoReturn
 
+from denoc_ros.cli import end_at_once
 from denoc_ros.cli.interrupts import interrupt, is_made_by_interrupt, noted_interrupts
 from denoc_ros.cli.verbs import ACTIONS, BAD_INPUT, DEFAULT_ACTION, INTERRUPTED, STUDIES, VERBS
 from denoc_ros.errors import DenocError
@@ -69,7 +70,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         130 interrupted.
     """
     is_process = argv is None
-    if is_process and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+    if is_process and signal.getsignal(signal.SIGINT) in (signal.default_int_handler, end_at_once):
         signal.signal(signal.SIGINT, interrupt)
     arguments = list(sys.argv[1:] if argv is None else argv)
     try:
