@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import NamedTuple, Protocol
 
 from denoc_ros.errors import DenocError
+from denoc_ros.runtime.realtime import INSTALLED_ONLY
 
 LAST_LINES = 12  # of a dead process's output that the error shows
 # s: how long a process may take to answer each signal before the next, harder one
@@ -77,7 +78,12 @@ class Processes:
 
     def __init__(self, logs: Path, environment: Mapping[str, str]) -> None:
         self._logs = logs
-        self._environment = {**os.environ, **environment, 'PYTHONUNBUFFERED': '1'}
+        self._environment = {
+            **os.environ,
+            **environment,
+            **INSTALLED_ONLY,
+            'PYTHONUNBUFFERED': '1',
+        }
         self._running: dict[str, subprocess.Popen[bytes]] = {}
         self._ending: set[str] = set()
         self._hopeless: set[str] = set()
