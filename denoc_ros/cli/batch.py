@@ -253,7 +253,7 @@ def _client(workers: WorkerConfig, tasks: int) -> Iterator[Any]:
                     n_workers=min(workers.count, tasks),
                     threads_per_worker=1,
                     dashboard_address=None,
-                    silence_logs=logging.ERROR,
+                    silence_logs=logging.CRITICAL,
                     env=SINGLE_THREADED,
                     local_directory=own,
                 )
