@@ -195,10 +195,14 @@ def uncompile() -> None:
 
     From here on no kernel runs in this process.
     """
+    from denoc_ros.kernels.compiled import APART
+
     for name in room_modules('kernels'):
         module = import_module(name)
         for key, value in list(vars(module).items()):
-            if inspect.isfunction(python := getattr(value, 'py_func', None)):
+            symbol = getattr(value, 'symbol', None)  # of a function that others call by it
+            compiled = APART[symbol] if isinstance(symbol, str) else value
+            if inspect.isfunction(python := getattr(compiled, '__wrapped__', None)):
                 setattr(module, key, python)
 
 
