@@ -22,21 +22,12 @@ FIRST_NS = 1_000_000_000  # a stamp of 0 would say that there is none
 
 @dataclass(frozen=True)
 class TableTimes:
-    """How the times of a table's rows are read.
+    """How the times of a table's rows are read."""
 
-    Attributes
-    ----------
-    time : str
-        The column of times; '' for one of the usual names.
-    time_unit : str
-        Of these times: s, ms, us or ns; '' for what the column's name says, else s.
-    rate : float
-        The sample rate [Hz], where the table has no times; 0: it has.
-    """
-
-    time: str = ''
+    time: str = ''  # the column of times; '' for one of the usual names
+    # of these times: s, ms, us or ns; '' for what the column's name says, else s
     time_unit: str = ''
-    rate: float = 0.0
+    rate: float = 0.0  # the sample rate [Hz], where the table has no times; 0: it has
 
 
 def joint_columns(

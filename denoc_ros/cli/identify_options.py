@@ -33,20 +33,12 @@ from denoc_ros.reports.provenance import versions
 
 @dataclass(frozen=True)
 class Action:
-    """One action of `denoc identify`.
-
-    Attributes
-    ----------
-    name, description : str
-    add_options : callable
-        Declares its arguments.
-    run : callable
-        Of the parsed arguments the result; what they mean goes on as values of their own.
-    """
+    """One action of `denoc identify`."""
 
     name: str
     description: str
-    add_options: Callable[[argparse.ArgumentParser], None]
+    add_options: Callable[[argparse.ArgumentParser], None]  # declares its arguments
+    # of the parsed arguments the result; what they mean goes on as values of their own
     run: Callable[[argparse.Namespace], VerbResult]
 
 

@@ -23,21 +23,11 @@ OBSERVABLE = 0.5  # a state of whose deviation more is left counts as not observ
 
 @dataclass(frozen=True)
 class ObservedState:
-    """A mode's vibration or a constant bias, and its uncertainty with the sensors.
+    """A mode's vibration or a constant bias, and its uncertainty with the sensors."""
 
-    Attributes
-    ----------
-    name : str
-        `mode 1`, or the biased value, such as `imu/gyro_x`.
-    frequency : float
-        Of the mode [Hz]; 0 for a bias.
-    left : float
-        Share of its standard deviation that is left.
-    """
-
-    name: str
-    frequency: float
-    left: float
+    name: str  # `mode 1`, or the biased value, such as `imu/gyro_x`
+    frequency: float  # of the mode [Hz]; 0 for a bias
+    left: float  # share of its standard deviation that is left
 
     @property
     def observable(self) -> bool:

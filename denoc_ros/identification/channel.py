@@ -80,24 +80,12 @@ class Channel:
 
 @dataclass(frozen=True, eq=False)
 class Reading:
-    """A record and its source.
+    """A record and its source."""
 
-    Attributes
-    ----------
-    record : Record
-        Times from the channel's first sample on [s].
-    path : Path
-        The file.
-    channel : Channel
-        With all that was left out of it filled in.
-    origin_ns : int
-        Stamp of time 0 [ns]; 0 in a table.
-    """
-
-    record: Record
-    path: Path
-    channel: Channel
-    origin_ns: int = 0
+    record: Record  # times from the channel's first sample on [s]
+    path: Path  # the file
+    channel: Channel  # with all that was left out of it filled in
+    origin_ns: int = 0  # stamp of time 0 [ns]; 0 in a table
 
 
 def read_record(path: str | Path, channel: Channel) -> Reading:

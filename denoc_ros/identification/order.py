@@ -78,22 +78,13 @@ def pencil_poles(t: Array, y: Array, highest: float, cosines: int) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Search:
-    """Samples to be searched.
+    """Samples to be searched."""
 
-    Attributes
-    ----------
-    t, y : ndarray, shape (k,)
-        Times from the start of the record [s], values.
-    span : float
-        Duration of the record [s].
-    smallest : float
-        Amplitude below which a component is not looked for.
-    """
-
+    # (k,) times from the start of the record [s], values
     t: Array
     y: Array
-    span: float
-    smallest: float = 0.0
+    span: float  # duration of the record [s]
+    smallest: float = 0.0  # amplitude below which a component is not looked for
 
     @property
     def highest(self) -> float:

@@ -30,24 +30,13 @@ FIELDS = ('position', 'command')  # of a joint, in a table
 
 @dataclass(frozen=True)
 class ServoOptions:
-    """Where the commanded and measured positions of joints are.
+    """Where the commanded and measured positions of joints are."""
 
-    Attributes
-    ----------
-    channel : Channel
-        Topic of the measured joint states; stamps, times of a table, window.
-    commanded : str
-        Topic of the commands.
-    columns : mapping of str to str
-        Of a table, by `joint.command` or `joint.position`, whatever they are called.
-    joints : sequence of str
-        Those to identify; none: all commanded ones.
-    """
-
-    channel: Channel
-    commanded: str
+    channel: Channel  # topic of the measured joint states; stamps, times of a table, window
+    commanded: str  # topic of the commands
+    # of a table, by `joint.command` or `joint.position`, whatever they are called
     columns: Mapping[str, str]
-    joints: Sequence[str]
+    joints: Sequence[str]  # those to identify; none: all commanded ones
 
     def chosen(self, names: Sequence[str], where: str) -> list[str]:
         """Return the joints to identify of those that a recording has; ConfigError for others."""
@@ -62,21 +51,13 @@ class ServoOptions:
 
 @dataclass(frozen=True)
 class Commands:
-    """Commands over time.
+    """Commands over time."""
 
-    Attributes
-    ----------
-    begin_ns : int
-        Stamp of the first one [ns]: times count from there.
-    names : tuple of str
-        All joints that are commanded.
-    pieces : list of (float, tuple of str, SplineTrajectory or array)
-        From when on [s] which joints are told what: a trajectory, or a position that holds until
-        the next one, towards which it goes linearly.
-    """
-
-    begin_ns: int
-    names: tuple[str, ...]
+    begin_ns: int  # stamp of the first one [ns]: times count from there
+    names: tuple[str, ...]  # all joints that are commanded
+    # list of (float, tuple of str, SplineTrajectory or array): from when on [s] which joints are
+    # told what: a trajectory, or a position that holds until the next one, towards which it goes
+    # linearly
     pieces: list[tuple[float, tuple[str, ...], SplineTrajectory | Array]]
 
     def at(self, t: Array, names: Sequence[str]) -> Array:

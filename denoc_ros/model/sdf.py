@@ -33,18 +33,10 @@ LEFT_OUT = {
 
 @dataclass(frozen=True)
 class Sdf:
-    """A model for Gazebo.
+    """A model for Gazebo."""
 
-    Attributes
-    ----------
-    text : str
-        The file. Links and joints have the names of the MJCF model's bodies and joints.
-    notes : tuple of str
-        What is left out, or means something else than the description.
-    """
-
-    text: str
-    notes: tuple[str, ...]
+    text: str  # the file. Links and joints have the names of the MJCF model's bodies and joints.
+    notes: tuple[str, ...]  # what is left out, or means something else than the description
 
 
 def sdf(tree: Tree, gravity: Array, segments: int = SEGMENTS, folder: Path | None = None) -> Sdf:

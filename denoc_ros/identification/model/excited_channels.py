@@ -27,17 +27,10 @@ STEP = 1e-4  # of the differences by theta
 
 @dataclass(frozen=True)
 class MotionRows:
-    """A motion of k rows.
+    """A motion of k rows."""
 
-    Attributes
-    ----------
-    t : (k,) array
-        [s]
-    q, qd, qdd : (k, joints) arrays
-        [rad, m], and per s, per s^2.
-    """
-
-    t: Array
+    t: Array  # (k,) [s]
+    # (k, joints) [rad, m], and per s, per s^2
     q: Array
     qd: Array
     qdd: Array
@@ -104,27 +97,14 @@ class RestSeries:
 
 @dataclass(frozen=True)
 class Response:
-    """Response of a robot to a motion of k rows.
+    """Response of a robot to a motion of k rows."""
 
-    Attributes
-    ----------
-    effort : (k, driven) array
-        As joint states have it [N m, N].
-    drive : (k, driven) array
-        Of the motors: more, where joints are measured behind their springs [N m, N].
-    sensors : (k, sensors) array
-        Raw readings.
-    inertial : (k, values) array
-        Of IMUs and accelerometers, one after another [rad/s, m/s^2].
-    deflection : (k, flexible links) array
-        Of the tips across their axes [m].
-    """
-
-    effort: Array
+    effort: Array  # (k, driven) as joint states have it [N m, N]
+    # (k, driven) of the motors: more, where joints are measured behind their springs [N m, N]
     drive: Array
-    sensors: Array
-    inertial: Array
-    deflection: Array
+    sensors: Array  # (k, sensors) raw readings
+    inertial: Array  # (k, values) of IMUs and accelerometers, one after another [rad/s, m/s^2]
+    deflection: Array  # (k, flexible links) of the tips across their axes [m]
 
 
 class Along:

@@ -29,20 +29,11 @@ LISTED = 12  # combinations that are written down
 
 @dataclass(frozen=True)
 class Information:
-    """Information about p parameters, in units of their sizes.
+    """Information about p parameters, in units of their sizes."""
 
-    Attributes
-    ----------
-    half : (p,) array
-        Half the 95 % interval; infinite where not identifiable.
-    unseen : (p, u) array
-        Orthonormal directions that the data do not tell.
-    by_scores : (p, p) array
-        What derivatives of half the cost move the estimate by, along what is told.
-    """
-
-    half: Array
-    unseen: Array
+    half: Array  # (p,) half the 95 % interval; infinite where not identifiable
+    unseen: Array  # (p, u) orthonormal directions that the data do not tell
+    # (p, p) what derivatives of half the cost move the estimate by, along what is told
     by_scores: Array
 
     def widened(self, *scores: Array) -> Information:

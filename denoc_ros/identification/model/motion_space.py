@@ -27,21 +27,11 @@ UNITS = {'position': '', 'velocity': '/s', 'acceleration': '/s^2'}
 
 @dataclass(frozen=True)
 class Extreme:
-    """The largest magnitude of something that has a limit.
+    """The largest magnitude of something that has a limit."""
 
-    Attributes
-    ----------
-    what : str
-        position, velocity, acceleration, effort or deflection.
-    name : str
-        Of the joint or link.
-    value, limit : float
-        Positions count from the middle of their range.
-    unit : str
-    """
-
-    what: str
-    name: str
+    what: str  # position, velocity, acceleration, effort or deflection
+    name: str  # of the joint or link
+    # value, limit: positions count from the middle of their range
     value: float
     limit: float
     unit: str

@@ -125,40 +125,23 @@ def _shapes(count: int) -> list[tuple[int, ...]]:
 
 @dataclass(frozen=True)
 class RecordingSettings:
-    """How recordings are read.
+    """How recordings are read."""
 
-    Attributes
-    ----------
-    topic : str
-        Joint states of a bag.
-    stamp : {'header', 'log'}
-        What counts as the time of a message.
-    rename : mapping of str to str
-        Beginnings of joint names in a bag and what they are in the robot.
-    columns : mapping of str to str
-        Of a table: `joint.field` or `sensor.name` to a column, whatever its name.
-    times : TableTimes
-        Of a table: how times are read.
-    begin, end : float
-        The window [s], from the first joint state on.
-    filters : mapping of str to SensorFilter
-        By the sensor's name: what its readings have passed.
-    poses : mapping of str to str
-        Topics of poses that a tracker measured, of a bag, and the frames of the robot that have
-        them.
-    torque_constants : mapping of str to float
-        By joint [N m/A, N/A]: what was recorded as its effort is a current [A].
-    """
-
-    topic: str = '/joint_states'
-    stamp: Stamp = 'header'
+    topic: str = '/joint_states'  # Joint states of a bag
+    stamp: Stamp = 'header'  # {'header', 'log'}; what counts as the time of a message
+    # beginnings of joint names in a bag and what they are in the robot
     rename: Mapping[str, str] = field(default_factory=dict)
+    # of a table: `joint.field` or `sensor.name` to a column, whatever its name
     columns: Mapping[str, str] = field(default_factory=dict)
-    times: TableTimes = field(default_factory=TableTimes)
+    times: TableTimes = field(default_factory=TableTimes)  # of a table: how times are read
+    # the window [s], from the first joint state on
     begin: float = 0.0
     end: float = math.inf
+    # by the sensor's name: what its readings have passed
     filters: Mapping[str, SensorFilter] = field(default_factory=dict)
+    # topics of poses that a tracker measured, of a bag, and the frames of the robot that have them
     poses: Mapping[str, str] = field(default_factory=dict)
+    # by joint [N m/A, N/A]: what was recorded as its effort is a current [A]
     torque_constants: Mapping[str, float] = field(default_factory=dict)
 
 
@@ -350,21 +333,14 @@ def _window(whole: Recording, begin: float, end: float) -> Recording:
 class SensorFilter:
     """A low-pass of second order: y'' + 2 damping omega y' + omega^2 y = omega^2 u.
 
-    Parameters
-    ----------
-    omega : float
-        [rad/s]
-    damping : float
-        Share of critical.
-
     Raises
     ------
     IdentificationError
         One of them is not > 0.
     """
 
-    omega: float
-    damping: float
+    omega: float  # [rad/s]
+    damping: float  # share of critical
 
     def __post_init__(self) -> None:
         for name, value in (('omega', self.omega), ('damping', self.damping)):

@@ -95,35 +95,19 @@ def _turned(x: Array, across: Iterable[Array]) -> Array:
 
 @dataclass(frozen=True)
 class Stiffness:
-    """Stiffness of a link's beam.
+    """Stiffness of a link's beam."""
 
-    Attributes
-    ----------
-    ei_y, ei_z, gj : float
-        [N m^2].
-    ei_range : tuple of float
-        Least and largest of EI that the file allows to think of [N m^2].
-    polar_inertia : float
-        Per length [kg m^2/m].
-    width : float
-        Largest outer side [m].
-    section : str
-        The cross-section in words.
-    confidence : str
-        high | medium | low.
-    why : str
-        What the confidence rests on.
-    """
-
+    # [N m^2]
     ei_y: float
     ei_z: float
     gj: float
+    # least and largest of EI that the file allows to think of [N m^2]
     ei_range: tuple[float, float]
-    polar_inertia: float
-    width: float
-    section: str
-    confidence: str
-    why: str
+    polar_inertia: float  # per length [kg m^2/m]
+    width: float  # largest outer side [m]
+    section: str  # the cross-section in words
+    confidence: str  # high | medium | low
+    why: str  # what the confidence rests on
 
 
 def stiffness(

@@ -29,19 +29,10 @@ class Reach:
 
 @dataclass(frozen=True)
 class BenchCheck:
-    """The comparison that a line's results had to pass before they were timed.
+    """The comparison that a line's results had to pass before they were timed."""
 
-    Attributes
-    ----------
-    against : str
-        Whose results.
-    error : float
-        Largest difference over largest magnitude.
-    tolerance : float
-    """
-
-    against: str
-    error: float
+    against: str  # whose results
+    error: float  # largest difference over largest magnitude
     tolerance: float
 
     @property
@@ -52,28 +43,15 @@ class BenchCheck:
 
 @dataclass(frozen=True)
 class BenchLine:
-    """One line of the table.
+    """One line of the table."""
 
-    Attributes
-    ----------
-    group, what, against : str
-        The part of the benchmark, what was timed, and beside what.
-    check : BenchCheck
-    unit : str
-        Of the value: 'ratio', 'slope', 's', …
-    value : Spread, optional
-        None where the results were wrong, or are only checked.
-    reach : Reach, optional
-    ours, peer : Times, optional
-    note : str
-    """
-
+    # group, what, against: the part of the benchmark, what was timed, and beside what
     group: str
     what: str
     against: str
     check: BenchCheck
-    unit: str = 'ratio'
-    value: Spread | None = None
+    unit: str = 'ratio'  # of the value: 'ratio', 'slope', 's', …
+    value: Spread | None = None  # None where the results were wrong, or are only checked
     reach: Reach | None = None
     ours: Times | None = None
     peer: Times | None = None
