@@ -107,7 +107,7 @@ class Response:
     deflection: Array  # (k, flexible links) of the tips across their axes [m]
 
 
-class Along:
+class PrescribedRobot:
     """A robot that is led along motions of its joints; the amplitudes follow from equilibrium.
 
     Parameters
@@ -201,7 +201,7 @@ class ExcitedChannels:
 
     Parameters
     ----------
-    along : Along
+    along : PrescribedRobot
         Of the robot as it is.
     parameters : FreeParameters
     noise : dict of str to float
@@ -213,7 +213,7 @@ class ExcitedChannels:
 
     def __init__(
         self,
-        along: Along,
+        along: PrescribedRobot,
         parameters: FreeParameters,
         noise: Mapping[str, float],
         rate: float,
@@ -235,10 +235,10 @@ class ExcitedChannels:
         linear, self._paths = parameters.linear(set(parameters.robot.joint_names))
         self._linear, self._slopes = linear, parameters.slopes(np.zeros(parameters.size))
         self._others = sorted(set(range(parameters.size)) - set(linear))
-        self._sides: dict[tuple[int, float], tuple[Along, SearchPoint]] = {}
+        self._sides: dict[tuple[int, float], tuple[PrescribedRobot, SearchPoint]] = {}
         self.evaluations = 0
 
-    def whitened(self, along: Along, point: SearchPoint, rows: MotionRows) -> Array:
+    def whitened(self, along: PrescribedRobot, point: SearchPoint, rows: MotionRows) -> Array:
         """Return all channels (k, channels), in deviations of so many samples."""
         self.evaluations += 1
         response = along.response(rows)
@@ -300,10 +300,10 @@ class ExcitedChannels:
         """Return the root of how many samples a row stands for."""
         return float(np.sqrt(self.rate * (rows.t[1] - rows.t[0])))
 
-    def _here(self) -> tuple[Along, SearchPoint]:
+    def _here(self) -> tuple[PrescribedRobot, SearchPoint]:
         return self._sides.setdefault((-1, 0.0), (self._made(self._point), self._point))
 
-    def _side(self, k: int, change: float) -> tuple[Along, SearchPoint]:
+    def _side(self, k: int, change: float) -> tuple[PrescribedRobot, SearchPoint]:
         """Return the robot with one theta changed; made once."""
         if (k, change) not in self._sides:
             theta = np.zeros(self.parameters.size)
@@ -312,8 +312,8 @@ class ExcitedChannels:
             self._sides[(k, change)] = (self._made(point), point)
         return self._sides[(k, change)]
 
-    def _made(self, point: SearchPoint) -> Along:
-        return Along(self.parameters.robot_at(point))
+    def _made(self, point: SearchPoint) -> PrescribedRobot:
+        return PrescribedRobot(self.parameters.robot_at(point))
 
 
 def _late(t: Array, values: Array, delay: float) -> Array:

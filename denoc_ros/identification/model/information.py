@@ -140,6 +140,16 @@ def left_beside_noise(offsets: Mask) -> Array:
     return np.asarray(np.where(offsets, EXACT_OFFSET, EXACT))
 
 
+def interval_ends(values: Array, half: Array, factors: Mask) -> tuple[Array, Array]:
+    """Return the ends (p,) of intervals of half a width; those of factors in logarithms."""
+    low, high = values - half, values + half
+    own, size = values[factors], np.abs(values[factors])
+    with np.errstate(over='ignore', divide='ignore', invalid='ignore'):
+        ratio = np.exp(np.where(size > 0.0, half[factors] / size, np.inf))
+    low[factors], high[factors] = own / ratio, own * ratio
+    return low, high
+
+
 def verdict_of(half: float) -> str:
     """Return found, doubtful or not identifiable by half an interval as a share of a size."""
     if half <= FOUND:
