@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from denoc_ros.bags.digest import file_hash
-from denoc_ros.bags.joint_table import TableTimes, joint_columns, joints_with, table_times
+from denoc_ros.bags.joint_table import joint_columns, joints_with, table_times
 from denoc_ros.bags.reader import BagMessage, Stamp, read_bag
 from denoc_ros.bags.series import JointSeries, read_joint_states
 from denoc_ros.bags.tables import is_table, read_table
@@ -182,7 +182,6 @@ def _of_table(path: Path, options: ServoOptions) -> dict[str, Run]:
     names = options.chosen(known, f'the columns of {path}')
     own = {what: one for what, one in columns.items() if what.rpartition('.')[0] in names}
     found = joint_columns(path, given, names, own, FIELDS)
-    times = TableTimes(channel.time, channel.time_unit, channel.rate)
     runs = {}
     for name in names:
         if missing := [field for field in FIELDS if (name, field) not in found]:
@@ -191,7 +190,7 @@ def _of_table(path: Path, options: ServoOptions) -> dict[str, Run]:
                 f'{", ".join(list(given)[:20])}: --column {name}.{missing[0]}=COLUMN'
             )
         command, position = (given[found[name, field]] for field in ('command', 'position'))
-        _, _, t = table_times(path, given, times, len(position))
+        _, _, t = table_times(path, given, channel, len(position))
         if not len(command) == len(position) == len(t):
             raise BagError(
                 f'{path}: columns of {name} must be as long as the times ({len(t)}), got '

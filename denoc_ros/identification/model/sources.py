@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 from scipy.signal import cont2discrete, lfilter, lfilter_zi
 
-from denoc_ros.bags.joint_table import TableTimes, joints_of_table, require_rows
-from denoc_ros.bags.reader import Stamp, bag_topics
+from denoc_ros.bags.joint_table import RecordedWindow, joints_of_table, require_rows
+from denoc_ros.bags.reader import bag_topics
 from denoc_ros.bags.series import (
     INERTIAL_NUMBERS,
     POSE_NUMBERS,
@@ -124,19 +124,14 @@ def _shapes(count: int) -> list[tuple[int, ...]]:
 
 
 @dataclass(frozen=True)
-class RecordingSettings:
+class RecordingSettings(RecordedWindow):
     """How recordings are read."""
 
-    topic: str = '/joint_states'  # Joint states of a bag
-    stamp: Stamp = 'header'  # {'header', 'log'}; what counts as the time of a message
+    topic: str = '/joint_states'  # of the joint states, from the first of which the window counts
     # beginnings of joint names in a bag and what they are in the robot
     rename: Mapping[str, str] = field(default_factory=dict)
     # of a table: `joint.field` or `sensor.name` to a column, whatever its name
     columns: Mapping[str, str] = field(default_factory=dict)
-    times: TableTimes = field(default_factory=TableTimes)  # of a table: how times are read
-    # the window [s], from the first joint state on
-    begin: float = 0.0
-    end: float = math.inf
     # by the sensor's name: what its readings have passed
     filters: Mapping[str, SensorFilter] = field(default_factory=dict)
     # topics of poses that a tracker measured, of a bag, and the frames of the robot that have them
@@ -216,7 +211,7 @@ def _of_table(path: Path, robot: Robot, settings: RecordingSettings) -> Recordin
     given = read_table(path)
     columns = _sensor_columns(path, given, robot, settings.columns)
     named = {k: c for k, c in settings.columns.items() if not k.startswith(SENSOR)}
-    series = joints_of_table(path, given, robot.joint_names, named, settings.times)
+    series = joints_of_table(path, given, robot.joint_names, named, settings)
     require_rows(path, given, columns.values(), series.t)
     rows = np.flatnonzero(np.isfinite(series.t))
     rows = rows[series[rows].rises()]
