@@ -128,7 +128,7 @@ class Measures:
 
     trace: Trace  # the run
     deviation: Array  # (m, joints) zero-eigenvalue deviation, absolute [rad, m]
-    # (m, joints) or None q - desired; None where the scenario has no reference
+    # (m, joints) q - desired; None where the scenario has no reference
     from_desired: Array | None
     power_difference: Array  # (m,) W
     roughness: Array  # (joints,) of the accelerations [-]

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from denoc_ros.studies.benchmarks.timing import Spread, Times
+from denoc_ros.studies.benchmarks.timing import Effort, Spread, Subject, Times, compare, ratio
 
 AT_MOST = '<='
 AT_LEAST = '>='
@@ -82,6 +83,32 @@ class BenchLine:
         for name, times in (('ours', self.ours), ('peer', self.peer)):
             found[name] = times and {'median_s': times.median, 'p99_s': times.p99}
         return found
+
+
+def compared(
+    line: BenchLine,
+    subjects: Sequence[Subject],
+    effort: Effort,
+    most: float | None = None,
+    note: str = '',
+) -> BenchLine:
+    """Return a line with the ratio of our time to the peer's, if its results are good.
+
+    Parameters
+    ----------
+    line : BenchLine
+        Without values.
+    subjects : (ours, peer)
+    effort : Effort
+    most : float, optional
+        Largest ratio that is good.
+    note : str
+    """
+    if not line.check.good:
+        return line
+    ours, peer = compare(subjects, effort)
+    reach = None if most is None else Reach(AT_MOST, most)
+    return replace(line, value=ratio(ours, peer), reach=reach, ours=ours, peer=peer, note=note)
 
 
 def _finite(values: dict[str, float]) -> dict[str, float | None]:
