@@ -5,23 +5,19 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import Rotation
 
 from denoc_ros.bags.series import INERTIAL_NUMBERS, read_joint_states, read_numbers
+from denoc_ros.dynamics.robot import Robot
+from denoc_ros.dynamics.rotations import cross_matrices
 from denoc_ros.dynamics.structure import sensor_rows
 from denoc_ros.dynamics.validation import as_vector
 from denoc_ros.errors import ConfigError, IdentificationError, StateError
 from denoc_ros.estimation.joint_motion import smooth
 from denoc_ros.types import Array
-
-if TYPE_CHECKING:
-    from denoc_ros.dynamics.robot import Robot
-from scipy.spatial.transform import Rotation
-
-from denoc_ros.dynamics.rotations import cross_matrices
 
 REFERENCES = ('value', 'deflection', 'load')
 LEAST_POINTS = 3

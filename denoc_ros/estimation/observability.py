@@ -4,17 +4,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.structure import body_amplitudes
 from denoc_ros.model.sensors import inertial_values
 from denoc_ros.types import Array
-
-if TYPE_CHECKING:
-    from denoc_ros.dynamics.robot import Robot
 
 VALUES = 1000  # of every sensor: ten seconds at 100 Hz
 DEFLECTION = 0.01  # deviation of an amplitude before, as a share of its beam's length, or rad

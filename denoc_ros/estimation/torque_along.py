@@ -36,11 +36,11 @@ class Torques:
     # dict of str to (k, joints) array: torque of the rigid and, with flexible links, of the
     # flexible model
     models: dict[str, Array]
-    # (2, k, n) or None coordinates and rates with the amplitudes, where there are any
+    # (2, k, n) coordinates and rates with the amplitudes, where there are any
     amplitudes: Array | None
-    # (2, k, 6 links) or None tip deflections and their rates, as `TipDeflections.names`
+    # (2, k, 6 links) tip deflections and their rates, as `TipDeflections.names`
     deflection: Array | None
-    # (2, k, all) or None coordinates and rates of the whole robot, with the springs behind which
+    # (2, k, all) coordinates and rates of the whole robot, with the springs behind which
     # joints are measured, as `TorqueReplay.whole.names`; None where nothing is elastic
     modal: Array | None = None
 

@@ -26,9 +26,9 @@ class EnergyBalance:
     # (k,) energies [J]; potential as `Robot.energy` has it
     kinetic: Array
     potential: Array
-    # (k,) or None done by the joints' efforts since the start, by the trapezoidal rule [J]
+    # (k,) done by the joints' efforts since the start, by the trapezoidal rule [J]
     work: Array | None
-    # (k,) or None largest error of the loops [m or rad]; None for a robot without loops
+    # (k,) largest error of the loops [m or rad]; None for a robot without loops
     closure: Array | None
 
     @property

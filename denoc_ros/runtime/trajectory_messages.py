@@ -231,7 +231,7 @@ class RequestedMotion:
     """A received motion."""
 
     message: TrajectoryMessage
-    where: Array | None  # (joints,) or None where the joints stand
+    where: Array | None  # (joints,) where the joints stand
 
     @property
     def named(self) -> list[int] | None:
