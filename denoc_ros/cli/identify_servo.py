@@ -15,7 +15,7 @@ from denoc_ros.cli.identify_options import Action, add_recording_options, writte
 from denoc_ros.cli.verb_result import VerbResult
 from denoc_ros.identification.channel import Channel
 from denoc_ros.identification.servo_runs import ServoOptions, identify_servos
-from denoc_ros.reports.identify_servo import servo_page, servo_text
+from denoc_ros.reports.identify_signals import servo_page, servo_text
 
 
 def _add_servo(parser: argparse.ArgumentParser) -> None:
