@@ -188,18 +188,21 @@ class Mending:
     def _follows(self) -> None:
         stage, asked = self.stage, [0.0, time.perf_counter()]
         shaped = 'shaper' in stage.scene.nodes
+        # a stamp from the future takes a reset; plans and gains may take a while, and so does
+        # all else on a busy machine: each reset begins anew, so they become rarer
+        patience = 10.0 if shaped else 1.0
         acts = self._feedback() if stage.scene.gauges else lambda: True
 
         def asked_again() -> bool:
+            nonlocal patience
             now = time.perf_counter()
             if stage.witness.following(stage.now_ns()) and acts():
                 return True
             if now - asked[0] > 0.2:
                 asked[0] = now
                 stage.planned.publish(stage.trajectory())
-            # a stamp from the future takes a reset; plans and gains may take a while
-            if now - asked[1] > (10.0 if shaped else 1.0):
-                asked[1] = now
+            if now - asked[1] > patience:
+                asked[1], patience = now, 1.5 * patience
                 self._trigger('feedforward', 'reset')
                 if shaped:
                     self._trigger('shaper', 'reset')
