@@ -32,9 +32,6 @@ class Assigned:
     coordinate: str  # as in the robot's `coordinate_names`, such as `arm/y1`
     path: str  # the dotted path of its beam's damping ratios, such as `beam.arm.y.damping_ratio`
     place: int  # its place among them, from 0
-    # frequency [Hz] and damping ratio as measured
-    measured_hz: float
-    measured_ratio: float
     model_hz: float  # frequency of the model's mode that was taken for it [Hz]
     share: float  # of that mode's strain energy in this amplitude
     damping_ratio: float  # of the amplitude, at a fixed root
@@ -118,8 +115,6 @@ def assign_damping(
             coordinate=amplitude.coordinate,
             path=amplitude.path,
             place=amplitude.place,
-            measured_hz=float(measured[k]),
-            measured_ratio=float(ratios[k]),
             model_hz=float(modes.frequencies[matched[k]]),
             share=float(shares[chosen[k], k]),
             damping_ratio=float(solved[k]),

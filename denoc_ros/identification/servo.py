@@ -60,11 +60,6 @@ class ServoFit:
     reasons: tuple[str, ...]
 
 
-def fit_servo(joint: str, t: Array, command: Array, measured: Array) -> ServoFit:
-    """Fit a second-order lag with a delay and a static gain to one run: see fit_servo_runs."""
-    return fit_servo_runs(joint, [(t, command, measured)])
-
-
 def fit_servo_runs(joint: str, runs: Sequence[Run]) -> ServoFit:
     """Fit a second-order lag with a delay and a static gain to a joint's commands and positions.
 
