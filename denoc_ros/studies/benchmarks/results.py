@@ -86,11 +86,7 @@ class BenchLine:
 
 
 def compared(
-    line: BenchLine,
-    subjects: Sequence[Subject],
-    effort: Effort,
-    most: float | None = None,
-    note: str = '',
+    line: BenchLine, subjects: Sequence[Subject], effort: Effort, most: float | None = None
 ) -> BenchLine:
     """Return a line with the ratio of our time to the peer's, if its results are good.
 
@@ -102,13 +98,12 @@ def compared(
     effort : Effort
     most : float, optional
         Largest ratio that is good.
-    note : str
     """
     if not line.check.good:
         return line
     ours, peer = compare(subjects, effort)
     reach = None if most is None else Reach(AT_MOST, most)
-    return replace(line, value=ratio(ours, peer), reach=reach, ours=ours, peer=peer, note=note)
+    return replace(line, value=ratio(ours, peer), reach=reach, ours=ours, peer=peer)
 
 
 def _finite(values: dict[str, float]) -> dict[str, float | None]:
