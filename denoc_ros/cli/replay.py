@@ -39,9 +39,9 @@ from denoc_ros.errors import BagError
 from denoc_ros.estimation.tracker_settings import TrackerSettings
 from denoc_ros.output_files import require_new, write_text
 from denoc_ros.replay.adaptation import AdaptSettings
-from denoc_ros.replay.agreement import summarize
 from denoc_ros.replay.bag import replay_bag
 from denoc_ros.replay.settings import ReplaySettings
+from denoc_ros.replay.summary import summarize
 from denoc_ros.reports.provenance import named_file, named_text, provenance
 from denoc_ros.reports.replay import lines, page
 from denoc_ros.reports.run_files import EARTH, find_bag, read_session, recording_name

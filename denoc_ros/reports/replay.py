@@ -55,7 +55,7 @@ def page(
     replay : Replay
         What was found.
     summary : mapping
-        Its numbers, as `denoc_ros.replay.agreement.summarize` gives them.
+        Its numbers, as `denoc_ros.replay.summary.summarize` gives them.
     robot : Robot
         What it was replayed on.
     provenance : mapping

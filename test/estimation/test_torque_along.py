@@ -17,10 +17,10 @@ from denoc_ros.errors import BagError
 from denoc_ros.estimation.joint_motion import SmoothedMotion
 from denoc_ros.estimation.torque_along import TorqueReplay, Torques
 from denoc_ros.model.friction import Friction
-from denoc_ros.replay.agreement import doubts
 from denoc_ros.replay.bag import replay_bag
 from denoc_ros.replay.friction import FrictionFit
 from denoc_ros.replay.settings import ReplaySettings
+from denoc_ros.replay.summary import doubts
 
 ROWS = 30
 STARTS = np.arange(ROWS) == 0

@@ -23,10 +23,10 @@ from denoc_ros.errors import BagError, ConfigError
 from denoc_ros.estimation.joint_motion import METHODS, SmoothedMotion
 from denoc_ros.estimation.torque_along import TorqueReplay
 from denoc_ros.replay import stream as stream_module
-from denoc_ros.replay.agreement import summarize
 from denoc_ros.replay.bag import replay_bag
 from denoc_ros.replay.settings import ReplaySettings, plan_replay
 from denoc_ros.replay.stream import Block, JointStream, Source
+from denoc_ros.replay.summary import summarize
 from denoc_ros.types import Array
 
 ROW_FIELDS = ('stamp_ns', 'log_ns', 'effort', 'starts')
