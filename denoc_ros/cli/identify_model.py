@@ -227,7 +227,7 @@ def _model(args: argparse.Namespace) -> VerbResult:
 
 
 def _applied(target: Path, options: ModelOptions, found: IdentifiedModel) -> list[str]:
-    """Write the robot's description with the found numbers; return what is to be told."""
+    """Write the robot's description with the found numbers; return the lines that say so."""
     text, left = applied_description(options.file, found)
     write_text(target, text)
     return [

@@ -30,7 +30,7 @@ def _add_results(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_written(parser: argparse.ArgumentParser, form: str, file: str) -> None:
-    """Declare the options of what is written from results."""
+    """Declare the options of files that are written from results."""
     _add_results(parser)
     add_output(parser, form, f'{file}, must not exist', required=True)
     parser.add_argument('--doubtful', action='store_true', help='use doubtful modes too')
