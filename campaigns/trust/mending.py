@@ -17,7 +17,7 @@ from std_srvs.srv import SetBool, Trigger
 from trust.assault import Assault
 from trust.attacks import Step
 from trust.siege_gauges import FEEDBACK
-from trust.siege_stage import FRESH, PATIENCE, RECOVERY, SiegeStage
+from trust.siege_stage import FRESH, OUTPUTS, PATIENCE, RECOVERY, SiegeStage
 from trust.stage import StageError
 
 CONFIGURE, ACTIVATE = 1, 3
@@ -252,7 +252,11 @@ class Mending:
                 self._trigger(node, 'reset')
             return now - stage.heard.get(node, 0.0) < FRESH
 
-        self._wait(node, heard, f'{node}: must publish again')
+        try:
+            self._wait(node, heard, f'{node}: must publish again')
+        except StageError as error:
+            known = stage.node.count_publishers(OUTPUTS[node])
+            raise StageError(f'{error}; publishers that the stage knows: {known}') from None
 
     def _records(self) -> None:
         begin = time.perf_counter()
