@@ -6,7 +6,7 @@ import math
 import time
 from collections import deque
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from nav_msgs.msg import Odometry
@@ -24,6 +24,7 @@ from denoc_ros.kernels.rotation import write_quaternion
 from denoc_ros.model.mjcf import SEGMENTS
 from denoc_ros.model.overrides import with_overrides
 from denoc_ros.model.plant_description import PlantDescription
+from denoc_ros.nodes.base import DenocNode
 from denoc_ros.nodes.messages import LATCHED, STATE, listeners, raw_publish
 from denoc_ros.nodes.process import leave, run
 from denoc_ros.nodes.robot_node import RobotNode
@@ -42,9 +43,6 @@ from denoc_ros.runtime.trajectory_messages import has_many_points, read_trajecto
 from denoc_ros.settings import Value
 from denoc_ros.simulation.simulated_robot import Drives, ModalRobot, SimulatedRobot
 from denoc_ros.types import Array
-
-if TYPE_CHECKING:
-    from denoc_ros.nodes.base import DenocNode
 
 CATCH_UP = 50  # steps that a tick after a pause of the machine takes in any case
 CATCH_UP_TIME = 0.02  # s of a processor for more of them; what is left is time lost
