@@ -24,7 +24,6 @@ from denoc_ros.kernels import (
     inverse_derivatives,
     load_derivatives,
 )
-from denoc_ros.kernels.compiled import entry
 from denoc_ros.kernels.handle import GOOD
 from denoc_ros.types import Array
 
@@ -121,7 +120,7 @@ class DifferentiableModel(ConstrainedModel):
             result = (_empty(self._square), _empty(self._square), _empty(self._square))
         else:
             result = _three(out)
-        status = entry(INVERSE.kernel)(self.handle, q, qd, qdd, *result)
+        status = INVERSE.call(self.handle, q, qd, qdd, *result)
         if status != GOOD:
             arguments = {'q': q, 'qd': qd, 'qdd': qdd}
             a, b, c = self._settle(status, INVERSE, arguments, out, result, check)
@@ -167,7 +166,7 @@ class DifferentiableModel(ConstrainedModel):
             result = (_empty(self._square), _empty(self._square), _empty(self._square))
         else:
             result = _three(out)
-        status = entry(FORWARD.kernel)(self.handle, q, qd, tau, *result)
+        status = FORWARD.call(self.handle, q, qd, tau, *result)
         if status != GOOD:
             arguments = {'q': q, 'qd': qd, 'tau': tau}
             a, b, c = self._settle(status, FORWARD, arguments, out, result, check)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -100,12 +99,29 @@ Wrenches = Mapping[str, ArrayLike]
 _empty = np.empty  # a global name is found more quickly than a module's
 
 
-class KernelOperation(NamedTuple):
-    """A kernel, the same over rows, and the shapes of its results for n coordinates."""
+class KernelOperation:
+    """A kernel, the same over rows, and the shapes of its results for n coordinates.
 
-    kernel: Callable[..., int]
-    rows: Callable[..., int]
-    shapes: Callable[[int], Sequence[tuple[int, ...]]]
+    Attributes
+    ----------
+    call : callable
+        The compiled kernel, which takes types on trust; compiled when first called.
+    """
+
+    __slots__ = ('call', 'kernel', 'rows', 'shapes')
+
+    def __init__(
+        self,
+        kernel: Callable[..., int],
+        rows: Callable[..., int],
+        shapes: Callable[[int], Sequence[tuple[int, ...]]],
+    ) -> None:
+        self.kernel, self.rows, self.shapes = kernel, rows, shapes
+        self.call: Callable[..., int] = self._first
+
+    def _first(self, *arguments: object) -> int:
+        self.call = entry(self.kernel)
+        return self.call(*arguments)
 
 
 INVERSE = KernelOperation(
@@ -390,7 +406,7 @@ class TreeDynamics(MassAndMomentum):
         q = as_states('q', q, self.n) if check else as_rows('q', q, self.n)
         if q.ndim == 1:
             out = as_output(out, shape)
-            verb.kernel(self.handle, q, row, out)
+            verb.call(self.handle, q, row, out)
         else:
             out = as_output(out, (len(q), *shape))
             run_rows(self, verb.rows, len(q), q, np.array([float(row)]), out)
@@ -414,7 +430,7 @@ class TreeDynamics(MassAndMomentum):
         single = all(array.ndim == 1 for array in arrays.values())
         if status == MISFIT and single:
             results = as_outputs(out, shapes)
-            status = entry(verb.kernel)(self.handle, *arrays.values(), *results)
+            status = verb.call(self.handle, *arrays.values(), *results)
         if status == MISFIT:
             rows = same_rows(list(arrays.values()))
             k = len(rows[0])

@@ -33,7 +33,9 @@ def as_rows(name: str, value: ArrayLike, n: int) -> Array:
 def as_states(name: str, value: ArrayLike, n: int) -> Array:
     """Return finite states (n,) or (k, n) as :func:`as_rows` does."""
     array = as_rows(name, value, n)
-    require_finite({name: array})
+    # a look at all elements at once; an overflow of their squares is looked into
+    if not np.vdot(array, array) < np.inf:
+        require_finite({name: array})
     return array
 
 
