@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
@@ -12,9 +12,7 @@ from denoc_ros.dynamics.base_motion import (
     AT_REST,
     Base,
     BaseMotion,
-    Result,
     as_base_motion,
-    on_base,
 )
 from denoc_ros.dynamics.section import AnySection
 from denoc_ros.dynamics.validation import as_vector, require_finite, require_rotors
@@ -526,12 +524,6 @@ class RobotModel:
     def raise_for_status(self, status: int, **arguments: Array) -> None:
         """Raise the error of a kernel's status about its arguments."""
         self._raise_for_status(status, True, **arguments)
-
-    def _on_base(
-        self, base: Base, verb: Callable[..., Result], *states: ArrayLike, **options: Any
-    ) -> Result:
-        """Call a verb at states on a moving base."""
-        return on_base(self, base, verb, *states, **options)
 
     def _raise_for_status(self, status: int, check: bool, **arguments: Array) -> None:
         if status == GOOD or (status == NOT_FINITE and not check):

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
-from denoc_ros.dynamics import structure
-from denoc_ros.dynamics.base_motion import Base
+from denoc_ros.dynamics import constraints, structure
+from denoc_ros.dynamics.base_motion import Base, on_base
 from denoc_ros.dynamics.batch import each_row, run_rows
 from denoc_ros.dynamics.robot_model import RobotModel
 from denoc_ros.dynamics.validation import (
@@ -71,7 +71,7 @@ class MassAndMomentum(RobotModel):
         the equations of the other coordinates.
         """
         if base is not None:
-            return self._on_base(base, self.momentum, q, qd, out=out, check=check)
+            return on_base(self, self.momentum, locals())
         sums = self._sums(q, qd, check)
         out = as_output(out, (*sums.shape[:-1], 6))
         out[...] = sums[..., : composite.MASS]
@@ -194,8 +194,7 @@ class TreeDynamics(MassAndMomentum):
             For a wrong shape or type, or a number that is not finite.
         """
         if base is not None:
-            options = {'wrenches': wrenches, 'out': out, 'check': check}
-            return self._on_base(base, self.inverse_dynamics, q, qd, qdd, **options)
+            return on_base(self, self.inverse_dynamics, locals())
         result = _empty(self.n) if out is None else out
         status = self._inverse(self.handle, q, qd, qdd, result)
         if status != GOOD:
@@ -222,8 +221,7 @@ class TreeDynamics(MassAndMomentum):
         singular (a massless chain).
         """
         if base is not None:
-            options = {'wrenches': wrenches, 'out': out, 'check': check}
-            return self._on_base(base, self.forward_dynamics, q, qd, tau, **options)
+            return on_base(self, self.forward_dynamics, locals())
         if wrenches:
             tau = as_rows('tau', tau, self.n) + self._load(as_rows('q', q, self.n), wrenches)
         result = _empty(self.n) if out is None else out
@@ -265,34 +263,40 @@ class TreeDynamics(MassAndMomentum):
         qdd_free : (n - joints,) or (k, n - joints), the other coordinates in order
         """
         if base is not None:
-            return self._on_base(
-                base,
-                lambda q, qd, qdd, tau: self.hybrid_dynamics(
-                    q, qd, qdd, joints, tau, wrenches, check
-                ),
-                q, qd, qdd_joints, self._zero if tau is None else tau,
-            )  # fmt: skip
-        names = self.joint_names if joints is None else tuple(joints)
-        index = self.indices(names)
-        n = self.n
-        q, qd = as_rows('q', q, n), as_rows('qd', qd, n)
-        qdd_joints = as_rows('qdd_joints', qdd_joints, len(names))
-        force = self._zero if tau is None else as_rows('tau', tau, n)
-        if wrenches:
-            force = force + self._load(q, wrenches)
-        single = q.ndim == qd.ndim == qdd_joints.ndim == force.ndim == 1
-        arrays = (q, qd, qdd_joints, force)
-        q, qd, qdd_joints, force = same_rows([a[None] for a in arrays] if single else arrays)
-        given = np.zeros(q.shape)
+            return on_base(self, self.hybrid_dynamics, locals())
+        index = self.indices(self.joint_names if joints is None else tuple(joints))
+        drive = ('qdd_joints', qdd_joints)
+        torque, qdd, _ = self._hybrid(False, index, q, qd, drive, tau, wrenches, check)
+        return torque, qdd.take(np.setdiff1d(np.arange(self.n), index), axis=-1)
+
+    def _hybrid(
+        self,
+        closed: bool,
+        index: NDArray[np.int64],
+        q: ArrayLike,
+        qd: ArrayLike,
+        drive: tuple[str, ArrayLike],
+        tau: ArrayLike | None,
+        wrenches: Wrenches | None,
+        check: bool = True,
+    ) -> tuple[Array, Array, Array]:
+        """Return torques of joints `index`, all accelerations and multipliers, or rows of them.
+
+        closed: whether constraint rows count; drive: the joints' accelerations after their name.
+        """
+        n, taken = self.n, as_states if check else as_rows
+        states = [taken('q', q, n), taken('qd', qd, n), taken(*drive, len(index))]
+        states.append(self._zero if tau is None else taken('tau', tau, n))
+        states.append(self._load(states[0], wrenches) if wrenches else self._zero)
+        single = all(state.ndim == 1 for state in states)
+        q, qd, qdd_joints, tau, load = same_rows(states)
+        held, given = self.held(index), np.zeros(q.shape)
         given[:, index] = qdd_joints
-        qdd, torque = np.empty(q.shape), np.empty(q.shape)
-        held = self.held(index)
-        rows = (self.armature, held, q, qd, given, force, qdd, torque)
-        status = run_rows(self, articulated.articulated_dynamics_rows, len(q), *rows)
-        self._raise_for_status(status, check, q=q, qd=qd, qdd_joints=qdd_joints, tau=force)
-        free = np.flatnonzero(held == 0.0)
-        torque, qdd = np.ascontiguousarray(torque[:, index]), np.ascontiguousarray(qdd[:, free])
-        return (torque[0], qdd[0]) if single else (torque, qdd)
+        force = np.where(held == 0.0, tau, 0.0) + load
+        torque, *rest = constraints.hybrid(self, closed, held, q, qd, given, force, check)
+        found = torque.take(index, axis=1), *rest
+        a, b, c = [each[0] for each in found] if single else found
+        return a, b, c
 
     def inertia_matrix(self, q: ArrayLike, out: Array | None = None, check: bool = True) -> Array:
         """Return the generalized inertia matrix (n, n) or (k, n, n), armature included."""
@@ -331,7 +335,7 @@ class TreeDynamics(MassAndMomentum):
         world's origin.
         """
         if base is not None:
-            return self._on_base(base, self.energy, q, qd, out=out, check=check)
+            return on_base(self, self.energy, locals())
         result = np.empty(2) if out is None else out
         status = self._energies(self.handle, q, qd, result)
         if status != GOOD:

@@ -102,6 +102,8 @@ def same_rows(arrays: Sequence[Array]) -> list[Array]:
     if len(counts) > 1:
         raise StateError(f'states must have the same number of rows, got {sorted(counts)}')
     k = counts.pop() if counts else 1
+    if k == 1:
+        return [array if array.ndim == 2 else array[None] for array in arrays]
     return [array if array.ndim == 2 else np.tile(array, (k, 1)) for array in arrays]
 
 
