@@ -206,8 +206,8 @@ class ConstrainedModel(TreeDynamics):
         """
         if base is not None:
             return on_base(self, self.constrained_hybrid_dynamics, locals())
-        drive = ('qdd_actuated', qdd_actuated)
-        return self._hybrid(True, self._actuated(actuated), q, qd, drive, tau, wrenches)
+        split = self._workspace.split(self._actuated(actuated))
+        return self._hybrid(True, split, q, qd, ('qdd_actuated', qdd_actuated), tau, wrenches)
 
     def _actuated(self, names: Sequence[str] | None) -> NDArray[np.int64]:
         return self.indices(self.tree.non_mimic_joints if names is None else names)

@@ -181,7 +181,7 @@ def hybrid(
     rows = robot.armature, held, q, qd, given, tau, qdd, torque
     _run(robot, articulated.articulated_dynamics_rows, *rows, check=check)
     torque -= tau
-    return torque, qdd, np.empty((len(q), 0))
+    return torque, qdd, qdd[:, :0]
 
 
 def accelerations(

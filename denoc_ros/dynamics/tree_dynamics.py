@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from denoc_ros.dynamics import constraints, structure
 from denoc_ros.dynamics.base_motion import Base, on_base
 from denoc_ros.dynamics.batch import each_row, run_rows
-from denoc_ros.dynamics.robot_model import RobotModel
+from denoc_ros.dynamics.robot_model import RobotModel, Split
 from denoc_ros.dynamics.validation import (
     as_output,
     as_outputs,
@@ -20,6 +20,7 @@ from denoc_ros.dynamics.validation import (
     require_finite,
     same_rows,
 )
+from denoc_ros.errors import StateError
 from denoc_ros.kernels import articulated, composite, inverse, sprung, world
 from denoc_ros.kernels.compiled import entry, ready
 from denoc_ros.kernels.handle import GOOD, MISFIT
@@ -264,15 +265,15 @@ class TreeDynamics(MassAndMomentum):
         """
         if base is not None:
             return on_base(self, self.hybrid_dynamics, locals())
-        index = self.indices(self.joint_names if joints is None else tuple(joints))
-        drive = ('qdd_joints', qdd_joints)
-        torque, qdd, _ = self._hybrid(False, index, q, qd, drive, tau, wrenches, check)
-        return torque, qdd.take(np.setdiff1d(np.arange(self.n), index), axis=-1)
+        names = self.joint_names if joints is None else tuple(joints)
+        split, drive = self._workspace.split(self.indices(names)), ('qdd_joints', qdd_joints)
+        torque, qdd, _ = self._hybrid(False, split, q, qd, drive, tau, wrenches, check)
+        return torque, qdd.take(split.free, axis=-1)
 
     def _hybrid(
         self,
         closed: bool,
-        index: NDArray[np.int64],
+        split: Split,
         q: ArrayLike,
         qd: ArrayLike,
         drive: tuple[str, ArrayLike],
@@ -280,20 +281,29 @@ class TreeDynamics(MassAndMomentum):
         wrenches: Wrenches | None,
         check: bool = True,
     ) -> tuple[Array, Array, Array]:
-        """Return torques of joints `index`, all accelerations and multipliers, or rows of them.
+        """Return torques of given joints, all accelerations and multipliers, or rows of them.
 
         closed: whether constraint rows count; drive: the joints' accelerations after their name.
         """
-        n, taken = self.n, as_states if check else as_rows
+        # of an open tree the results tell whether all is finite
+        n, taken = self.n, as_states if closed else as_rows
+        index, held = split.index, split.flags
         states = [taken('q', q, n), taken('qd', qd, n), taken(*drive, len(index))]
-        states.append(self._zero if tau is None else taken('tau', tau, n))
-        states.append(self._load(states[0], wrenches) if wrenches else self._zero)
-        single = all(state.ndim == 1 for state in states)
-        q, qd, qdd_joints, tau, load = same_rows(states)
-        held, given = self.held(index), np.zeros(q.shape)
+        force = self._zero
+        if tau is not None:
+            force = taken('tau', tau, n).copy()
+            force[..., index] = 0.0
+        if wrenches:
+            force = force + self._load(states[0], wrenches)
+        single = force.ndim == 1 and all(state.ndim == 1 for state in states)
+        q, qd, qdd_joints, force = same_rows([*states, force])
+        given = np.zeros(q.shape)
         given[:, index] = qdd_joints
-        force = np.where(held == 0.0, tau, 0.0) + load
-        torque, *rest = constraints.hybrid(self, closed, held, q, qd, given, force, check)
+        try:
+            torque, *rest = constraints.hybrid(self, closed, held, q, qd, given, force, check)
+        except StateError:
+            require_finite({'q': q, 'qd': qd, drive[0]: qdd_joints, 'tau': force})
+            raise
         found = torque.take(index, axis=1), *rest
         a, b, c = [each[0] for each in found] if single else found
         return a, b, c
