@@ -20,7 +20,7 @@ from denoc_ros.dynamics.driven_motion import DrivenMotion, driven_motion
 from denoc_ros.dynamics.equilibrium import Equilibrium
 from denoc_ros.dynamics.measured_side import MeasuredStates
 from denoc_ros.dynamics.robot import Robot
-from denoc_ros.kernels.rotation import write_quaternion
+from denoc_ros.dynamics.rotations import quaternion
 from denoc_ros.model.mjcf import SEGMENTS
 from denoc_ros.model.overrides import with_overrides
 from denoc_ros.model.plant_description import PlantDescription
@@ -53,13 +53,6 @@ REMEDY = (
     'nothing after that means anything: hold the joints by feedback.kp and feedback.kd, or '
     'command them by a model that is not rigid, then call ~/reset'
 )
-
-
-def quaternion(rotation: Array) -> Array:
-    """Return the quaternion x, y, z, w of a rotation (3, 3): w >= 0, or the first other > 0."""
-    found = np.empty(4)
-    write_quaternion(np.ascontiguousarray(rotation, dtype=np.float64), found)
-    return found
 
 
 class BaseOutput:

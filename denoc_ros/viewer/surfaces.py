@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from denoc_ros.dynamics.robot import Robot
+from denoc_ros.dynamics.rotations import quaternion
 from denoc_ros.types import Array
 from denoc_ros.viewer.bending import Bending, Shape, strain_colours
 from denoc_ros.viewer.outline import STEEL, Colour, LinkSurface
@@ -156,7 +156,7 @@ class _RigidLinks:
             group.move(poses)
         for k, handle in self._heavy:
             handle.position = poses[k, :3, 3]
-            handle.wxyz = Rotation.from_matrix(poses[k, :3, :3]).as_quat()[[3, 0, 1, 2]]
+            handle.wxyz = quaternion(poses[k, :3, :3])[[3, 0, 1, 2]]
 
     def show(self, visible: bool) -> None:
         for handle in self._handles:
