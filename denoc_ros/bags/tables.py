@@ -91,25 +91,15 @@ class Table(dict[str, Array]):
 
 @dataclass(frozen=True)
 class Sheet:
-    """Cells of a table.
+    """Cells of a table."""
 
-    Attributes
-    ----------
-    names, units : list of str
-        Of its columns; [] where there is no such row.
-    rows : list of (int, list of str)
-        Number of the line, and cells, from the first row of numbers on.
-    commas : bool
-        Numbers have decimal commas.
-    width : int
-        Cells of most rows.
-    """
-
+    # of its columns; [] where there is no such row
     names: list[str]
     units: list[str]
+    # number of the line, and cells, from the first row of numbers on
     rows: list[tuple[int, list[str]]]
-    commas: bool = False
-    width: int = 0
+    commas: bool = False  # numbers have decimal commas
+    width: int = 0  # cells of most rows
 
     def number(self, cell: str) -> float | None:
         """Return the number or the time [s] in a cell, None where it is neither."""

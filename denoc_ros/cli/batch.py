@@ -34,18 +34,10 @@ LEAN = {
 
 @dataclass(frozen=True)
 class WorkerConfig:
-    """Who does the work.
+    """Who does the work."""
 
-    Attributes
-    ----------
-    count : int
-        Local processes; 0 for this one alone.
-    scheduler : str
-        Address of a Dask scheduler, which then has the workers; '' for none.
-    """
-
-    count: int = 0
-    scheduler: str = ''
+    count: int = 0  # local processes; 0 for this one alone
+    scheduler: str = ''  # address of a Dask scheduler, which then has the workers; '' for none
 
 
 class RowStore:

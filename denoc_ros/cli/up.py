@@ -56,21 +56,11 @@ DESCRIPTION = (
 
 @dataclasses.dataclass(frozen=True)
 class SessionRun:
-    """A session that has run.
+    """A session that has run."""
 
-    Attributes
-    ----------
-    folder : Path
-        Its directory.
-    summary : dict
-        As in its summary.json; without a recording just what it was.
-    error : exception or None
-        Why it ended before its end.
-    """
-
-    folder: Path
-    summary: dict[str, Any]
-    error: BaseException | None = None
+    folder: Path  # its directory
+    summary: dict[str, Any]  # as in its summary.json; without a recording just what it was
+    error: BaseException | None = None  # why it ended before its end
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:

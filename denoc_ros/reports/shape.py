@@ -63,22 +63,13 @@ class Variation:
 
 @dataclass(frozen=True)
 class PlanComparison:
-    """Comparison of a plan with the plain motion.
-
-    Attributes
-    ----------
-    plan : Plan
-    frame : str
-    asked : (k, joints) array
-        The driven joints of the motion that was asked for, at the plan's times.
-    plain, shaped : Tracked
-        Joints on the motion that was asked for, and on the plan.
-    variations : tuple of Variation
-    """
+    """Comparison of a plan with the plain motion."""
 
     plan: Plan
     frame: str
+    # (k, joints) the driven joints of the motion that was asked for, at the plan's times
     asked: Array
+    # plain, shaped: joints on the motion that was asked for, and on the plan
     plain: Tracked
     shaped: Tracked
     variations: tuple[Variation, ...]

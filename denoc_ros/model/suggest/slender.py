@@ -111,39 +111,20 @@ class SectionNumbers:
 
 @dataclass(frozen=True)
 class Stiffness:
-    """Stiffness of a link's beam.
+    """Stiffness of a link's beam."""
 
-    Attributes
-    ----------
-    ei_y, ei_z, gj : float
-        Of a taper: of the uniform beam that bends and twists as much under a load at the tip
-        [N m^2].
-    ei_range : tuple of float
-        Least and largest of EI that the file allows to think of [N m^2].
-    polar_inertia : float
-        Per length [kg m^2/m].
-    width : float
-        Largest outer side [m].
-    section : str
-        The cross-section in words.
-    confidence : str
-        high | medium | low.
-    why : str
-        What the confidence rests on.
-    stations : tuple of SectionNumbers
-        Of a taper; empty for a prism.
-    """
-
+    # of a taper: of the uniform beam that bends and twists as much under a load at the tip [N m^2]
     ei_y: float
     ei_z: float
     gj: float
+    # least and largest of EI that the file allows to think of [N m^2]
     ei_range: tuple[float, float]
-    polar_inertia: float
-    width: float
-    section: str
-    confidence: str
-    why: str
-    stations: tuple[SectionNumbers, ...] = ()
+    polar_inertia: float  # per length [kg m^2/m]
+    width: float  # largest outer side [m]
+    section: str  # the cross-section in words
+    confidence: str  # high | medium | low
+    why: str  # what the confidence rests on
+    stations: tuple[SectionNumbers, ...] = ()  # of a taper; empty for a prism
 
     @property
     def mass_along(self) -> Along:
