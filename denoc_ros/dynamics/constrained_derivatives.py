@@ -298,8 +298,8 @@ def _find(
         return kernel(handle, choice, *rows, loads, first, last, targets)
 
     if run_chunks(robot, k, run) != GOOD:
+        require_finite(dict(zip(call.names, states, strict=True)))
         for i in range(k):  # the first state that has no answer says why
-            require_finite({name: row[i] for name, row in zip(call.names, rows, strict=False)})
             raise_status(robot, run(robot.handle, i, i + 1))
     return found
 
