@@ -153,7 +153,7 @@ class EndSwing:
         system[:, m:, m:] = of.dqdd_dqd[:, :, free]
         steps = scipy.linalg.expm(0.5 * step * (system[1:] + system[:-1]))
         gains = of.dqdd_dq[:, :, joints], of.dqdd_dqd[:, :, joints], of.dqdd_dqdd
-        driven = sum(gain @ drive for gain, drive in zip(gains, drives, strict=True))
+        driven = gains[0] @ drives[0] + gains[1] @ drives[1] + gains[2] @ drives[2]
         half = np.zeros((k, 2 * m, p))
         half[:, :m] = motion.qd[:, free, None] * stretch
         half[:, m:] = driven + own[:, :, None] * stretch
@@ -174,4 +174,4 @@ class EndSwing:
         moved[2][:, free] += of.dqdd_dqd[at][:, :, free] @ rate
         torque = of.dtau_dq[at] @ moved[0] + of.dtau_dqd[at] @ moved[1]
         torque += of.dtau_dqdd[at] @ moved[2][:, joints]
-        return MotionChange(error, states, Moments(*moved, torque))
+        return MotionChange(error, states, Moments(moved[0], moved[1], moved[2], torque))

@@ -35,6 +35,7 @@ from denoc_ros.types import Array
 OUTPUT = 0.004  # s between rows of a plan
 ROBUSTNESS = 0.1  # of a motion in a given time
 DRAWS = 24  # of robots with other stiffness and load
+STEPS = 400  # of a simulated motion, at least
 STEPS_PER_PERIOD = 60.0  # of the fastest mode that is shaped
 
 
@@ -132,6 +133,7 @@ def shaper_motion(
         return np.asarray(spline(np.clip(at, begin, end), derivative), dtype=np.float64)
 
     plan = _plan(method, robot, motion, (begin, end), options, table)
+    require_limits(robot, plan, _limits(robot, options), '; make the motion slower')
     return _with_tip(robot, plan, times, q_joints, frames, delay, 0.5 * delay)
 
 
@@ -234,9 +236,7 @@ def _plan(
     if not (np.isfinite(options.output_step) and options.output_step > 0.0):
         raise StateError(f'shape_motion: output_step must be > 0 s, got {options.output_step}')
     count = max(2, int(np.ceil((window[1] - window[0]) / options.output_step - 1e-9)) + 1)
-    plan = _simulated(method, robot, motion, np.linspace(*window, count), options.modes, table)
-    require_limits(robot, plan, _limits(robot, options), '; make the motion slower')
-    return plan
+    return _simulated(method, robot, motion, np.linspace(*window, count), options.modes, table)
 
 
 def _simulated(
@@ -254,7 +254,7 @@ def _simulated(
     is_rigid = not len(robot.flexible_indices)
     own_modes = ringing_modes(robot, ends[1], modes, table if is_rigid else None)
     fastest = float(own_modes.frequencies.max())
-    parts = max(1, int(np.ceil(step * STEPS_PER_PERIOD * fastest)))
+    parts = int(np.ceil(max(step * STEPS_PER_PERIOD * fastest, STEPS / (len(t) - 1))))
     fine: Array = np.linspace(t[0], t[-1], (len(t) - 1) * parts + 1)
     own = robot.copy()
     states = follow_joints(

@@ -46,7 +46,7 @@ EXACT = 1e-4  # share to which the search brings it
 STANDS = 1e-9  # rad, m: a way that is none
 NEWTON = 10  # steps to rest
 SLOWLY = 0.3  # share of a swing that a step with the derivatives of the motion before leaves
-ROUNDS = 60
+ROUNDS, SMOOTHER, FEW = 60, 30, 6  # of the shortest motion, and of one in a given time
 SMOOTH = 1e-7  # durations that the plain motion's mean square of jerk costs in minimum time
 LATE = 1e4  # jerks of the plain motion that a share of the wanted duration costs
 ROBUSTNESS = 2e4  # that all the swing with other frequencies costs
@@ -273,6 +273,7 @@ class RestProblem:
         even = self._hessian + 1e-13 * float(np.trace(self._hessian)) / self._splines * eye
         self._smooth = scipy.linalg.cho_factor(even)
         self._goals = self._places()
+        self.fixed = False  # whether the duration is the wanted one all the time
         self.unit = self.size = self.swing = 1.0
         self.refine(1.0, 0)
 
@@ -299,7 +300,7 @@ class RestProblem:
         """Return how far each joint goes [rad, m], at least a tenth of the farthest."""
         between = () if self.waypoints is None else self.waypoints.postures
         way = np.ptp(np.array([*self.postures, *between]), axis=0)
-        return np.maximum(way, max(0.1 * float(way.max()), STANDS))
+        return np.asarray(np.maximum(way, max(0.1 * float(way.max()), STANDS)))
 
     def _jerk(self, scale: Array) -> tuple[Array, Array, float]:
         """Return H, g and c of x.H x / 2 + g.x + c: half the mean square of the jerk, scaled."""
@@ -321,10 +322,13 @@ class RestProblem:
     def plain(self, duration: float) -> Array:
         """Return the coefficients of the least jerk through the waypoints."""
         passed = self._passing()
-        rows, right = np.zeros((0, self._splines)), np.zeros(0)
+        rows: Array = np.zeros((0, self._splines))
+        right: Array = np.zeros(0)
         if self.waypoints is not None:
             off = self.waypoints.postures - self.basis.fixed(*self.postures, passed)
-            rows = np.kron(np.eye(len(self._way)), self.basis.design(passed))
+            rows = np.asarray(
+                np.kron(np.eye(len(self._way)), self.basis.design(passed)), dtype=np.float64
+            )
             right = off.T.ravel()
         free = -scipy.linalg.cho_solve(self._smooth, self._gradient)
         if len(right):
@@ -386,6 +390,8 @@ class RestProblem:
         ])  # fmt: skip
         least, most = np.full((2, len(x)), np.inf)
         least[self._splines] = min(duration - self.wanted, 0.6 * duration) / scale[self._splines]
+        if self.fixed:
+            least[self._splines] = most[self._splines] = 0.0
         gaps = np.diff(np.concatenate([[0.0], passed, [1.0]]))
         least[self._splines + 1 :] = 0.4 * gaps[:-1] / STEP_OF_PASSING
         most[self._splines + 1 :] = 0.4 * gaps[1:] / STEP_OF_PASSING
@@ -397,7 +403,7 @@ class RestProblem:
 
     def slower(self, coefficients: Array, factor: float) -> Array:
         """Return the same motion in a longer time."""
-        slower = coefficients.copy()
+        slower: Array = np.array(coefficients)
         slower[self._splines] *= np.sqrt(factor)
         return slower
 
@@ -694,6 +700,7 @@ class RestSearch:
             problem = self._problem(duration, shortest_problem.basis)
             first = found.coefficients.copy()
             first[problem.at_duration] = duration
+            problem.fixed = True
             with suppress(SolverError):
                 result = self._timed(problem, first, progress, stopped)
                 if result[1].duration <= (1.0 + ON_TIME) * duration:
@@ -746,7 +753,8 @@ class RestSearch:
         """Return the smoothest motion in the wanted duration, or in little more."""
         wanted = problem.wanted
         problem.refine(wanted, 1)
-        found = shortest(problem, first, progress, stopped, ROUNDS)
+        rounds = FEW if problem.fixed else SMOOTHER
+        found = shortest(problem, first, progress, stopped, rounds)
         solution = found.solution
         if solution.duration <= (1.0 + ON_TIME) * wanted:
             exact = solution.coefficients.copy()
