@@ -38,7 +38,7 @@ SEGMENTS_PER_PERIOD = 3.0  # of the fastest mode that is to rest
 LEAST_FINE = 40  # segments there, at least
 UNKNOWNS = 160  # of all splines in minimum time, at least; a joint has 120 segments at most
 FINEST = 120
-PER_SEGMENT = 2  # moments at which limits are looked at
+PER_SEGMENT = {3: 2, 5: 6}  # moments at which limits are looked at, by the splines' degree
 STEPS = 200  # of the simulated motion, at least
 STEPS_PER_PERIOD = 20.0, 60.0  # of the fastest mode, while its duration is looked for, and after
 QUIET = 1e-3  # share of the plain motion's swing that counts as rest
@@ -77,7 +77,7 @@ class RestBasis:
 
     def __init__(self, segments: int, degree: int = 5, ends: int = 4) -> None:
         self.segments = segments
-        self._degree, self._ends = degree, ends
+        self.degree, self._ends = degree, ends
         inner = np.linspace(0.0, 1.0, segments + 1)
         self._knots = np.concatenate((np.zeros(degree), inner, np.ones(degree)))
         self._count = segments + degree
@@ -97,7 +97,7 @@ class RestBasis:
     def _columns(self, shares: ArrayLike, derivative: int) -> Array:
         moments = np.asarray(shares, dtype=np.float64)
         inside = np.clip(moments, 0.0, 1.0)
-        spline = BSpline(self._knots, np.eye(self._count), self._degree)
+        spline = BSpline(self._knots, np.eye(self._count), self.degree)
         columns = np.array(spline(inside, derivative))
         if derivative:
             columns[inside != moments] = 0.0
@@ -279,7 +279,7 @@ class RestProblem:
 
     def refine(self, duration: float, fine: int) -> None:
         """Take steps for a duration [s]: coarse (0) or fine (1) ones."""
-        nodes = PER_SEGMENT * self.basis.segments
+        nodes = PER_SEGMENT[self.basis.degree] * self.basis.segments
         periods = self.fastest * duration
         steps = max(STEPS, STEPS_PER_PERIOD[fine] * periods)
         self._every = int(np.ceil(steps / nodes))
@@ -304,7 +304,7 @@ class RestProblem:
 
     def _jerk(self, scale: Array) -> tuple[Array, Array, float]:
         """Return H, g and c of x.H x / 2 + g.x + c: half the mean square of the jerk, scaled."""
-        shares = np.linspace(0.0, 1.0, 8 * PER_SEGMENT * self.basis.segments)
+        shares = np.linspace(0.0, 1.0, 16 * self.basis.segments)
         one = self.basis.design(shares, 3) / np.sqrt(len(shares))
         design = np.kron(np.diag(1.0 / scale), one)
         fixed = self.basis.fixed(*self.postures, shares, 3) / np.sqrt(len(shares)) / scale
