@@ -330,7 +330,9 @@ class RestProblem:
                 np.kron(np.eye(len(self._way)), self.basis.design(passed)), dtype=np.float64
             )
             right = off.T.ravel()
-        free = -scipy.linalg.cho_solve(self._smooth, self._gradient)
+        free = np.zeros(self._splines)
+        for _ in range(3):  # the factored matrix is only near the Hessian
+            free -= scipy.linalg.cho_solve(self._smooth, self._hessian @ free + self._gradient)
         if len(right):
             back = scipy.linalg.cho_solve(self._smooth, rows.T)
             free = free + back @ np.linalg.lstsq(rows @ back, right - rows @ free)[0]
