@@ -74,6 +74,9 @@ class LimitOptions:
         Limits of the tips [m/s, m/s^2], and of what the joints draw together [W].
     margin : float
         Share of every limit but positions that is kept free.
+    uncertainty : float
+        Share by which the links' stiffness and the load may be off: the plan's limits then have
+        the `spread`, their largest shares where that is so and the joints do the plan's motion.
     """
 
     velocity: Given | None = None
@@ -88,6 +91,7 @@ class LimitOptions:
     tip_acceleration: float | None = None
     power: float | None = None
     margin: float = 0.0
+    uncertainty: float = 0.0
 
     def limits(self, robot: Robot) -> PlanLimits:
         """Return the limits of a robot with these options."""

@@ -364,12 +364,18 @@ def _torque(found: PlanComparison, units: Units) -> PageSection:
         figures.append(line_figure([Panel('Largest share of a limit', '', _binding(plan, use))]))
         most = use.largest
         head = ['limit', 'largest share', 'time gained by 1 % more']
+        head += ['with other stiffness and load'] if use.spread else []
         used = sorted(most, key=lambda name: (-use.gains.get(name, 0.0), -most[name]))
         tables = [
             PageTable(
                 head,
                 [
-                    [name, f'{most[name]:.3f}', f'{100.0 * use.gains.get(name, 0.0):.2f} %']
+                    [
+                        name,
+                        f'{most[name]:.3f}',
+                        f'{100.0 * use.gains.get(name, 0.0):.2f} %',
+                        *([f'{use.spread[name]:.3f}'] if use.spread else []),
+                    ]
                     for name in used
                 ],
             )
