@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Generic, Protocol, TypeVar
 
@@ -22,7 +22,8 @@ NEAR = 1e-3  # share beyond a limit that counts as kept
 KEPT = 2e-4  # share of each limit that programs keep free
 START, LEAST, MOST = 0.5, 2e-3, 4.0  # of the trust region, as a share of each coefficient
 GOOD, POOR = 0.7, 0.2  # share of a predicted gain that is found
-LOOSE = 0.98  # of a limit: what binds
+FIRST_ROOM = 0.1  # of limits that are in a program from the first
+LEFT = 1e-6  # of a limit that a program is beyond
 
 
 class Solution(Protocol):
@@ -46,6 +47,7 @@ class Solution(Protocol):
 
 
 S = TypeVar('S', bound=Solution)
+Cones = tuple[sparse.csr_array, Array]  # rows A and right side b of A z + s = b
 
 
 class MinimumTimeProblem(Protocol[S]):
@@ -263,62 +265,78 @@ def _program(
     `shares` stand in place of those of the motion.
     """
     p, k = len(c), len(objective.apart) + 1
-    unit = here.duration
     scale = np.maximum(np.abs(c), 1e-3 * np.abs(c).max())
     shares = (here.shares if shares is None else shares).ravel()
     rows, sides = _near_rows(shares, jacobian, scale, radius)
-    limit = sparse.csr_array(jacobian[rows]) if not sparse.issparse(jacobian) else jacobian[rows]
-    limit = sparse.diags_array(sides) @ limit @ sparse.diags_array(scale)
+    limit = (
+        sparse.diags_array(sides) @ sparse.csr_array(jacobian[rows]) @ sparse.diags_array(scale)
+    )
     room = 1.0 - KEPT - sides * shares[rows]
     # unknowns: d = (new - old) / scale (p), w (k), times (k - 1), excess
     design = sparse.csr_array(objective.design)
     x_unit = float(np.median(design @ c))
-    w_unit = np.sqrt(x_unit)
     moved = design @ sparse.diags_array(scale) / x_unit
-    x_here = (design @ c) / x_unit
     count = p + k + (k - 1) + 1
     cost = np.zeros(count)
-    cost[p + k : -1] = 2.0 * objective.apart / (w_unit * unit)
+    cost[p + k : -1] = 2.0 * objective.apart / (np.sqrt(x_unit) * here.duration)
     cost[-1] = EXCESS
-    blocks: list[sparse.csr_array] = []
-    right: list[Array] = []
-    # clarabel: A z + s = b, s in the cone
-    eye = sparse.eye_array(p)
-    column = sparse.csr_array(np.ones((len(rows), 1)))
-    blocks.append(sparse.hstack([limit, _empty(len(rows), 2 * k - 1), -column]))
-    right.append(room)
-    for sign in (1.0, -1.0):
-        bound = np.full(p, radius if sign > 0.0 else min(radius, 0.9))
-        if sign > 0.0:
-            bound = np.minimum(
-                bound, np.maximum(objective.largest * np.median(c) - c, 0.0) / scale
-            )
-        blocks.append(sparse.hstack([sign * eye, _empty(p, 2 * k)]))
-        right.append(bound)
-    last = sparse.csr_array(([-1.0], ([0], [count - 1])), shape=(1, count))
-    blocks.append(last)
-    right.append(np.zeros(1))
-    linear = sum(len(part) for part in right)
-    first, first_right = _square_roots(moved, x_here, k, count, p)
-    second, second_right = _inverses(k, count, p)
-    a = sparse.csc_array(sparse.vstack([*blocks, first, second]))
-    b = np.concatenate([*right, first_right, second_right])
+    largest = np.maximum(objective.largest * np.median(c) - c, 0.0) / scale
+    cones = [
+        _bounds(np.minimum(radius, largest), np.full(p, min(radius, 0.9)), count),
+        _square_roots(moved, (design @ c) / x_unit, k, count, p),
+        _inverses(k, count, p),
+    ]
+    limits = sparse.hstack(
+        [limit, _empty(len(rows), 2 * k - 1), -np.ones((len(rows), 1))], format='csr'
+    )
+    # dense rows are dear, and limits that a solution keeps without them change nothing
+    used = np.flatnonzero((room < FIRST_ROOM) | sparse.issparse(jacobian))
+    while True:
+        found = _conic(cost, (limits[used], room[used]), cones)
+        if found is None:
+            return None
+        z, multipliers = found
+        beyond = np.setdiff1d(np.flatnonzero(limits @ z > room + LEFT), used)
+        if not len(beyond):
+            break
+        used = np.concatenate([used, beyond])
+    there = c + scale * z[:p]
+    gains = np.zeros(here.shares.shape)
+    np.add.at(gains.ravel(), rows[used], np.maximum(multipliers, 0.0))
+    cost_there = float(cost[:-1] @ z[:-1]) + EXCESS * max(0.0, float(z[-1]) - KEPT - 0.5 * NEAR)
+    return there, cost_there, gains.sum(axis=0)
+
+
+def _conic(cost: Array, limits: Cones, others: Sequence[Cones]) -> tuple[Array, Array] | None:
+    """Return the solution of a conic program and the multipliers of its limits, or None.
+
+    The first of `others` are linear, too; the rest are cones of three rows. clarabel: A z + s = b,
+    s in the cone.
+    """
+    parts = [limits, *others]
+    linear = sum(len(right) for _, right in parts[:2])
+    b = np.concatenate([right for _, right in parts])
+    a = sparse.csc_array(sparse.vstack([rows for rows, _ in parts]))
     cones = [clarabel.NonnegativeConeT(linear)]
-    cones += [clarabel.SecondOrderConeT(3)] * (2 * k - 1)
+    cones += [clarabel.SecondOrderConeT(3)] * ((len(b) - linear) // 3)
     settings = clarabel.DefaultSettings()
     settings.verbose = False
     settings.max_threads = 1
-    found = clarabel.DefaultSolver(
-        sparse.csc_array((count, count)), cost, a, b, cones, settings
-    ).solve()
+    none = sparse.csc_array((len(cost), len(cost)))
+    found = clarabel.DefaultSolver(none, cost, a, b, cones, settings).solve()
     if 'Solved' not in str(found.status):
         return None
-    z = np.array(found.x)
-    there = c + scale * z[:p]
-    gains = np.zeros(here.shares.shape)
-    np.add.at(gains.ravel(), rows, np.maximum(np.array(found.z)[: len(rows)], 0.0))
-    cost_there = float(cost[:-1] @ z[:-1]) + EXCESS * max(0.0, float(z[-1]) - KEPT - 0.5 * NEAR)
-    return there, cost_there, gains.sum(axis=0)
+    return np.array(found.x), np.array(found.z)[: len(limits[1])]
+
+
+def _bounds(above: Array, below: Array, count: int) -> Cones:
+    """Return the rows of steps within a radius, and of an excess that is not negative."""
+    p = len(above)
+    steps = sparse.hstack([sparse.eye_array(p), _empty(p, count - p)])
+    last = sparse.csr_array(([-1.0], ([0], [count - 1])), shape=(1, count))
+    return sparse.csr_array(sparse.vstack([steps, -steps, last])), np.concatenate(
+        [above, below, np.zeros(1)]
+    )
 
 
 def _near_rows(
@@ -338,9 +356,7 @@ def _empty(rows: int, columns: int) -> sparse.csr_array:
     return sparse.csr_array((rows, columns))
 
 
-def _square_roots(
-    moved: sparse.csr_array, x_here: Array, k: int, count: int, p: int
-) -> tuple[sparse.csr_array, Array]:
+def _square_roots(moved: sparse.csr_array, x_here: Array, k: int, count: int, p: int) -> Cones:
     """Return the cones w_i^2 <= x_i: (x + 1, x - 1, 2 w)."""
     first = sparse.hstack([-moved, _empty(k, count - p)])
     rows = np.arange(k)
@@ -351,7 +367,7 @@ def _square_roots(
     return stacked[order], right
 
 
-def _inverses(k: int, count: int, p: int) -> tuple[sparse.csr_array, Array]:
+def _inverses(k: int, count: int, p: int) -> Cones:
     """Return the cones t (w_i + w_{i+1}) >= 1: (t + both, t - both, 2)."""
     n = k - 1
     rows = np.arange(n)
