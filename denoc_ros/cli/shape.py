@@ -16,8 +16,8 @@ from denoc_ros.cli.arguments import (
     add_numbers,
     add_output,
     add_overrides,
+    add_pairs,
     given_file,
-    named_values,
     overrides_of,
     require,
 )
@@ -131,12 +131,11 @@ def _add_limits(parser: argparse.ArgumentParser) -> None:
         '--joint-limits', metavar='FILE', help="joint_limits.yaml, as MoveIt's configurations have"
     )
     for name, (whose, unit) in LIMITS.items():
-        group.add_argument(
-            f'--{name.replace("_", "-")}',
-            action='append',
-            default=[],
-            metavar=f'{whose.upper()}=VALUE',
-            help=f'largest {name.replace("_", " ")} of a {whose} [{unit}]; repeatable',
+        add_pairs(
+            group,
+            f'--{name.replace("_", "-")} {whose.upper()}=VALUE',
+            f'largest {name.replace("_", " ")} of a {whose} [{unit}]',
+            float,
         )
     for name, unit in NUMBERS_OF_ALL.items():
         group.add_argument(
@@ -214,16 +213,12 @@ def _findings(args: argparse.Namespace) -> list[str]:
 
 def _options(args: argparse.Namespace, values: Mapping[str, Any]) -> dict[str, Any]:
     """Arguments of shape_motion beside motion, method and tip."""
-    findings: list[str] = []
     options: dict[str, Any] = {}
     if args.joint_limits:
         options.update(read_joint_limits(given_file(args.joint_limits, 'joint limits')))
-    for name, (whose, _) in LIMITS.items():
-        if texts := getattr(args, name):
-            option, form = f'--{name.replace("_", "-")}', f'{whose.upper()}=VALUE'
-            given = named_values(option, texts, form, float, findings)
+    for name in LIMITS:
+        if given := getattr(args, name):
             options[name] = {**options.get(name, {}), **given}
-    require(findings)
     if args.fastest:
         options['time'] = 'minimum'
     for name in (*NUMBERS, *OTHERS, *NUMBERS_OF_ALL, 'margin'):
