@@ -316,10 +316,11 @@ class LimitRows:
 
     def _tips(self, at: Moments, step: float) -> Iterator[Row]:
         limits = (self._limits.tip_speed, self._limits.tip_acceleration)
+        robot, frames = self._robot, self._frames if min(limits) < np.inf else ()
+        places = [robot.frame_pose(frame, at.q)[:, :3, 3] for frame in frames]
+        jacobians = [robot.frame_jacobian(frame, at.q)[:, :3] for frame in frames]
         for order, limit in enumerate(limits):
-            for frame in self._frames if limit < np.inf else ():
-                place = self._robot.frame_pose(frame, at.q)[:, :3, 3]
-                jacobian = self._robot.frame_jacobian(frame, at.q)[:, :3]
+            for place, jacobian in zip(places, jacobians, strict=True) if limit < np.inf else ():
 
                 def change(by: Moments, order: int = order, jacobian: Array = jacobian) -> Array:
                     moved = jacobian @ by.q

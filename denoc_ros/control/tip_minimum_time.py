@@ -372,7 +372,7 @@ class RigidMinimumTime:
 
     def plan(self, found: TimedPath) -> Plan:
         """Return the plan of a motion, in even steps of time."""
-        robot, driven, timing = self._grids.robot, self._grids.driven, found.timing
+        timing = found.timing
         output = self._grids.options.output_step or OUTPUT
         count = max(FEWEST, int(np.ceil(timing.duration / output - 1e-9)))
         t = np.linspace(0.0, timing.duration, count + 1)
@@ -385,22 +385,9 @@ class RigidMinimumTime:
         pace = np.maximum(pace + a * since, 0.0)
         q, slope, bend = (np.asarray(self._path(s, order)) for order in range(3))
         qd, qdd = slope * pace[:, None], slope * a[:, None] + bend * (pace**2)[:, None]
+        plan = self._grids.plan_of(t, (q, qd, qdd), self._torque(q, qd, qdd))
         passed = np.interp(s, self._asked_at, self._moment)
-        none = np.zeros(len(t))
-        return Plan(
-            method='tip',
-            t=t,
-            q=q,
-            qd=qd,
-            qdd=qdd,
-            torque=self._torque(q, qd, qdd),
-            joint_names=tuple(robot.coordinate_names[k] for k in driven),
-            coordinate_names=tuple(robot.coordinate_names),
-            tip_error=none,
-            tip_turn=none,
-            stretch=timing.duration / self._asked.duration,
-            passed=passed,
-        )
+        return replace(plan, stretch=timing.duration / self._asked.duration, passed=passed)
 
 
 def fastest(grids: TipGrids, asked: AskedMotion, rows: LimitRows) -> Plan:
