@@ -88,7 +88,7 @@ def test_an_interrupt_in_a_finalizer_comes_again(capsys: pytest.CaptureFixture[s
 @pytest.mark.parametrize('handled', ['command', 'session'])
 def test_an_interrupt_within_the_compiler_waits_for_its_end(handled: str) -> None:
     """Raised while a kernel was loaded, it ended in SIGSEGV."""
-    done: list[str] = []
+    done: list[int] = []
     within = {'__name__': 'llvmlite.binding.ffi', 'os': os, 'signal': signal, 'done': done}
     within['call'] = lambda: time.sleep(0.1)
     exec('def load():\n os.kill(os.getpid(), signal.SIGINT)\n call()\n done.append(1)', within)
