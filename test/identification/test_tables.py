@@ -129,8 +129,8 @@ def test_a_small_file_of_a_large_table_is_refused(
     assert read_table(tmp_path / 'a.mat')['y'].size == 3 << 17
     savemat(tmp_path / 'b.mat', {'t': T, 'y': np.zeros(5 << 17)}, do_compression=True)
     assert (tmp_path / 'b.mat').stat().st_size < 100_000
-    rows: list[list[object]] = [['y'], *([0.0] for _ in range(100))]
-    book(tmp_path / 'b.xlsx', *rows)
+    cells: list[object] = [0.0]
+    book(tmp_path / 'b.xlsx', ['y'], *[cells] * 100)
     with zipfile.ZipFile(tmp_path / 'b.xlsx', 'a', zipfile.ZIP_DEFLATED) as archive:
         archive.writestr('xl/more.xml', bytes(5 << 20))
     for name in ('b.mat', 'b.xlsx'):
