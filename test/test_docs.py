@@ -80,6 +80,14 @@ def test_every_link_leads_somewhere(page: Path) -> None:
     assert [target for target in targets if not (page.parent / target).exists()] == []
 
 
+def test_every_tutorial_says_how_long_its_commands_take() -> None:
+    tutorials = sorted((ROOT / 'docs').glob('tutorial_*.md'))
+    assert len(tutorials) >= 7
+    for page in tutorials:
+        text = ' '.join(page.read_text('utf-8').split())
+        assert re.search(r'commands take \d+ s of processor time', text), page.name
+
+
 def test_every_page_is_linked_from_the_readme() -> None:
     linked = re.findall(r'\]\(docs/([^)#]+\.md)', PAGES[0].read_text(encoding='utf-8'))
     assert {page.name for page in PAGES[1:]} <= set(linked)

@@ -106,7 +106,7 @@ def test_every_file_of_yaml_is_read_within_the_bounds(
 def test_a_value_on_the_command_line_has_the_same_bounds(repository: Path, value: str) -> None:
     setting = f'payload.tip.mass={value}'
     with pytest.raises(ConfigError, match=r'--set payload\.tip\.mass: '):
-        overrides_of([setting], [])
+        overrides_of([setting], {})
     with pytest.raises(ConfigError, match=r'--set payload\.tip\.mass: '):
         load_config(repository / 'config' / 'canadarm.yaml', [setting])
 

@@ -7,7 +7,9 @@ from __future__ import annotations
 
 import sys
 import time
+from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 from control_runs import ROBOTS, cycloid
@@ -15,7 +17,10 @@ from timed_paths import SHARES, rigid_arm
 
 import denoc_ros as dn
 from denoc_ros.control.limit_rows import LimitRows, motion_limits
+from denoc_ros.types import Array
 
+LEAST = 1e-3  # N m: a moment that a link has at all
+HURRIED = 0.8  # of its time, so that each path is beyond the limits
 SHARE = 0.8  # of the torques and moments that the motion as it was asked for needs
 STARTS = {
     'canadarm': (10.0, np.radians([10.0, 40.0, 30.0]), np.radians([60.0, 45.0, 30.0])),
@@ -23,59 +28,90 @@ STARTS = {
 }
 
 
-def flexible(name: str, paths: int) -> None:
-    """Print each path's duration by one factor and with a free timing, and what binds."""
-    duration, start, way = STARTS[name]
+def flexible(name: str, paths: int, own: bool) -> None:
+    """Print each path's duration by one factor and with a free timing, and how much is possible.
+
+    The limits are those of the first path; with `own` each path has some of its own, so that
+    every limit binds at the same pace. What is possible is less than what the same arm saves
+    with stiff links and torques alone, which may jump.
+    """
     robot = dn.load_robot(ROBOTS / f'{name}.urdf', gravity=(0, 0, 0))
-    times = np.linspace(0.0, duration, 201)
-    links = sorted({body.link for body in robot.tree.bodies if body.beam is not None})
-    unit = motion_limits(robot, {}, {'moment': 1.0})
-    saved = []
+    stiff = dn.load_robot(_stiff(ROBOTS / f'{name}.urdf'), gravity=(0, 0, 0))
+    fixed = None if own else _limits(robot, *_path(name, 0, 1.0))
+    saved, possible, efforts = [], [], []
     for seed in range(paths):
-        random = np.random.default_rng(seed)
-        first = start + (random.uniform(-0.3, 0.3, len(start)) if seed else 0.0)
-        by = way * (random.uniform(0.5, 1.1, len(way)) if seed else 1.0)
-        joints = cycloid(first, first + by, duration)(times)
-        asked = dn.shape_motion(robot, times, joints)
-        rows = LimitRows(robot, robot.joint_indices, (), unit)
-        moments = rows.use(asked).largest
-        limits: dict[str, Any] = {
-            'effort': dict(
-                zip(asked.joint_names, SHARE * np.abs(asked.torque).max(axis=0), strict=True)
-            ),
-            'moment': {
-                link: SHARE * moments[f'moment {link}']
-                for link in links
-                if moments[f'moment {link}'] > 1e-3
-            },
-        }
+        times, joints = _path(name, seed, 1.0 if own else HURRIED)
+        limits = fixed or _limits(robot, times, joints)
         single = dn.shape_motion(robot, times, joints, **limits)
         began = time.process_time()
         plan = dn.shape_motion(robot, times, joints, time='minimum', **limits)
         took = time.process_time() - began
+        rigid = dn.shape_motion(stiff, times, joints, time='minimum', effort=limits['effort'])
         assert plan.limits is not None
-        saved.append(1.0 - plan.stretch / single.stretch)
+        duration = times[-1] * plan.stretch
+        saved.append(100.0 * (1.0 - plan.stretch / single.stretch))
+        possible.append(100.0 * (1.0 - rigid.stretch / single.stretch))
+        efforts.append(100.0 * took / duration)
         print(
-            f'{name} {seed}: {duration * single.stretch:.3f} -> {duration * plan.stretch:.3f} s, '
-            f'{100.0 * saved[-1]:.1f} % less; largest share '
+            f'{name} {seed}: {times[-1] * single.stretch:.3f} -> {duration:.3f} s, '
+            f'{saved[-1]:.1f} % less (stiff {possible[-1]:.1f} %); largest share '
             f'{max(plan.limits.largest.values()):.4f}, tip {1e3 * plan.tip_error.max():.4f} mm, '
-            f'processor time {100.0 * took / (duration * plan.stretch):.0f} %',
+            f'processor time {efforts[-1]:.0f} %',
             flush=True,
         )
-    print(f'{name}: median {100.0 * np.median(saved):.1f} % less')
+    whose = "each path's" if own else "the arm's"
+    print(
+        f'{name}, {whose} limits, {paths} paths: median {np.median(saved):.1f} % less (stiff '
+        f'{np.median(possible):.1f} %), processor time {np.median(efforts):.0f} % in the median'
+    )
+
+
+def _path(name: str, seed: int, share: float) -> tuple[Array, Array]:
+    """Return times and joints of a path, in a share of the time that suits its length."""
+    duration, start, way = STARTS[name]
+    random = np.random.default_rng(seed)
+    first = start + (random.uniform(-0.3, 0.3, len(start)) if seed else 0.0)
+    by = way * (random.uniform(0.5, 1.1, len(way)) if seed else 1.0)
+    duration *= share
+    times = np.linspace(0.0, duration, 201)
+    return times, cycloid(first, first + by, duration)(times)
+
+
+def _limits(robot: dn.Robot, times: Array, joints: Array) -> dict[str, Any]:
+    """Return a share of the torques and moments that a motion needs."""
+    asked = dn.shape_motion(robot, times, joints)
+    rows = LimitRows(robot, robot.joint_indices, (), motion_limits(robot, {}, {'moment': 1.0}))
+    largest = rows.use(asked).largest
+    moments = {name.split()[1]: value for name, value in largest.items() if 'moment' in name}
+    efforts = SHARE * np.abs(asked.torque).max(axis=0)
+    return {
+        'effort': dict(zip(asked.joint_names, efforts, strict=True)),
+        'moment': {link: SHARE * value for link, value in moments.items() if value > LEAST},
+    }
+
+
+def _stiff(file: Path) -> str:
+    """Return the URDF without flexibility."""
+    root = ElementTree.parse(file).getroot()
+    for each in root.findall('flexibility'):
+        root.remove(each)
+    return ElementTree.tostring(root, encoding='unicode')
 
 
 def rigid(name: str, paths: int) -> None:
     """Print the ratio of durations to TOPP-RA's, without friction and with it."""
     for friction in (False, True):
         arm = rigid_arm(name, friction)
-        plans = [arm.fastest(seed) for seed in range(paths)]
-        ratios = [plan.t[-1] / arm.toppra_duration(seed) for seed, plan in enumerate(plans)]
-        worst = max(arm.largest_share(plan) for plan in plans)
+        ratios, shares = [], []
+        for seed in range(paths):
+            plan = arm.fastest(seed)
+            ratios.append(plan.t[-1] / arm.toppra_duration(seed))
+            shares.append(arm.largest_share(plan))
+            print(f'{name} {seed}: {ratios[-1]:.4f} of the time by TOPP-RA', flush=True)
         print(
             f'{name}, {paths} paths, {"with" if friction else "without"} friction, over TOPP-RA: '
             f'median {np.median(ratios):.4f}, {min(ratios):.4f} to {max(ratios):.4f}; largest '
-            f"share of a limit by Pinocchio's torques {worst:.4f}",
+            f"share of a limit by Pinocchio's torques {max(shares):.4f}",
             flush=True,
         )
 
@@ -86,4 +122,5 @@ if __name__ == '__main__':
         if each in SHARES:
             rigid(each, count)
         else:
-            flexible(each, count)
+            for own in (False, True):
+                flexible(each, count, own)

@@ -17,7 +17,7 @@ from std_srvs.srv import SetBool, Trigger
 from trust.assault import Assault
 from trust.attacks import Step
 from trust.siege_gauges import FEEDBACK
-from trust.siege_stage import FRESH, PATIENCE, RECOVERY, SiegeStage
+from trust.siege_stage import FRESH, OUTPUTS, PATIENCE, RECOVERY, SiegeStage
 from trust.stage import StageError
 
 CONFIGURE, ACTIVATE = 1, 3
@@ -188,18 +188,21 @@ class Mending:
     def _follows(self) -> None:
         stage, asked = self.stage, [0.0, time.perf_counter()]
         shaped = 'shaper' in stage.scene.nodes
+        # a stamp from the future takes a reset; plans and gains may take a while, and so does
+        # all else on a busy machine: each reset begins anew, so they become rarer
+        patience = 10.0 if shaped else 1.0
         acts = self._feedback() if stage.scene.gauges else lambda: True
 
         def asked_again() -> bool:
+            nonlocal patience
             now = time.perf_counter()
             if stage.witness.following(stage.now_ns()) and acts():
                 return True
             if now - asked[0] > 0.2:
                 asked[0] = now
                 stage.planned.publish(stage.trajectory())
-            # a stamp from the future takes a reset; plans and gains may take a while
-            if now - asked[1] > (10.0 if shaped else 1.0):
-                asked[1] = now
+            if now - asked[1] > patience:
+                asked[1], patience = now, 1.5 * patience
                 self._trigger('feedforward', 'reset')
                 if shaped:
                     self._trigger('shaper', 'reset')
@@ -249,7 +252,11 @@ class Mending:
                 self._trigger(node, 'reset')
             return now - stage.heard.get(node, 0.0) < FRESH
 
-        self._wait(node, heard, f'{node}: must publish again')
+        try:
+            self._wait(node, heard, f'{node}: must publish again')
+        except StageError as error:
+            known = stage.node.count_publishers(OUTPUTS[node])
+            raise StageError(f'{error}; publishers that the stage knows: {known}') from None
 
     def _records(self) -> None:
         begin = time.perf_counter()

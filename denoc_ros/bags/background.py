@@ -31,38 +31,20 @@ BY_FILE = 'file'
 
 @dataclass(frozen=True)
 class WriterStatus:
-    """Status of a background writer.
+    """Status of a background writer."""
 
-    Attributes
-    ----------
-    written : int
-        Messages handed to the bag.
-    queued : int
-        Messages that wait.
-    lost : dict of str to int
-        Messages that never reach the bag, by topic.
-    stalled : float
-        Time since the writing thread last came round [s]; far over the flush period when the
-        disk stalls.
-    failure : str
-        Why recording ended by itself; empty while it goes on.
-    queued_bytes : int
-        Memory that the waiting messages take.
-    causes : dict of str to int
-        The lost messages by cause: `queue_size`, `queue_bytes` (the queue was full), `disk` (it
-        refused), `file` (what was written is no longer there).
-    losses : tuple of Loss
-        The files that are no longer there.
-    """
-
-    written: int
-    queued: int
-    lost: dict[str, int]
+    written: int  # messages handed to the bag
+    queued: int  # messages that wait
+    lost: dict[str, int]  # messages that never reach the bag, by topic
+    # time since the writing thread last came round [s]; far over the flush period when the disk
+    # stalls
     stalled: float
-    failure: str
-    queued_bytes: int = 0
+    failure: str  # why recording ended by itself; empty while it goes on
+    queued_bytes: int = 0  # memory that the waiting messages take
+    # the lost messages by cause: `queue_size`, `queue_bytes` (the queue was full), `disk` (it
+    # refused), `file` (what was written is no longer there)
     causes: dict[str, int] = field(default_factory=dict)
-    losses: tuple[Loss, ...] = ()
+    losses: tuple[Loss, ...] = ()  # the files that are no longer there
 
 
 def free_space(path: Path) -> int:

@@ -35,27 +35,14 @@ def read_names(reader: CdrReader) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class JointStateLayout:
-    """Where the parts of a publisher's messages stand in their bytes.
+    """Where the parts of a publisher's messages stand in their bytes."""
 
-    Attributes
-    ----------
-    names : tuple of str
-        The joints.
-    order : {'<', '>'}
-        Of the bytes of a number.
-    head : bytes
-        Frame and names.
-    counts : tuple of (int, bytes)
-        Where the number of elements of each of `FIELDS` stands, and that number.
-    blocks : tuple of (int, int)
-        First byte and number of elements of each field.
-    """
-
-    names: tuple[str, ...]
-    order: str
-    head: bytes
+    names: tuple[str, ...]  # the joints
+    order: str  # {'<', '>'}; of the bytes of a number
+    head: bytes  # frame and names
+    # where the number of elements of each of `FIELDS` stands, and that number
     counts: tuple[tuple[int, bytes], ...]
-    blocks: tuple[tuple[int, int], ...]
+    blocks: tuple[tuple[int, int], ...]  # first byte and number of elements of each field
 
     @classmethod
     def of(cls, reader: CdrReader) -> JointStateLayout:

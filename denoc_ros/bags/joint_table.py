@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from denoc_ros.bags.joint_state import FIELDS, JOINT_STATE, JointStateMessage
+from denoc_ros.bags.reader import Stamp
 from denoc_ros.bags.series import JointSeries
 from denoc_ros.bags.tables import UNITS, Table, read_table, time_column, unit_of_times
 from denoc_ros.bags.writer import BagWriter
@@ -20,23 +22,23 @@ SHOWN = 20  # names in a message
 FIRST_NS = 1_000_000_000  # a stamp of 0 would say that there is none
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class TableTimes:
-    """How the times of a table's rows are read.
+    """How the times of a table's rows are read."""
 
-    Attributes
-    ----------
-    time : str
-        The column of times; '' for one of the usual names.
-    time_unit : str
-        Of these times: s, ms, us or ns; '' for what the column's name says, else s.
-    rate : float
-        The sample rate [Hz], where the table has no times; 0: it has.
-    """
-
-    time: str = ''
+    time: str = ''  # the column of times; '' for one of the usual names
+    # of these times: s, ms, us or ns; '' for what the column's name says, else s
     time_unit: str = ''
-    rate: float = 0.0
+    rate: float = 0.0  # the sample rate [Hz], where the table has no times; 0: it has
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecordedWindow(TableTimes):
+    """Which part of a recording is read, and by which clock."""
+
+    stamp: Stamp = 'header'  # of a bag: `header`, or `log` for the time of recording
+    begin: float = 0.0  # since the first sample [s]
+    end: float = math.inf
 
 
 def joint_columns(

@@ -38,51 +38,27 @@ _MESSAGE_CODE, _INDEX_CODE = 5, 7
 
 @dataclass(frozen=True)
 class BagMessage:
-    """One message of a bag.
+    """One message of a bag."""
 
-    Attributes
-    ----------
-    topic, type : str
-        Its topic and message type, `package/msg/Name`.
-    stamp_ns : int
-        Time by the stamp that was asked for [ns].
-    log_ns : int
-        When it was recorded [ns].
-    raw : bytes
-        Its CDR bytes.
-    message : object
-        Its fields, as attributes.
-    """
-
+    # its topic and message type, `package/msg/Name`
     topic: str
     type: str
-    stamp_ns: int
-    log_ns: int
-    raw: bytes
-    message: Any
+    stamp_ns: int  # time by the stamp that was asked for [ns]
+    log_ns: int  # when it was recorded [ns]
+    raw: bytes  # its CDR bytes
+    message: Any  # its fields, as attributes
 
 
 @dataclass(frozen=True)
 class RecordedTopic:
-    """A topic as a bag holds it.
+    """A topic as a bag holds it."""
 
-    Attributes
-    ----------
-    name, type : str
-        The topic and its message type, `package/msg/Name`.
-    messages : int
-        How many.
-    definition : str
-        ros2msg text with all dependencies, '' where the bag does not carry it.
-    qos : tuple of Qos
-        What its publishers offered.
-    """
-
+    # the topic and its message type, `package/msg/Name`
     name: str
     type: str
-    messages: int
-    definition: str
-    qos: tuple[Qos, ...]
+    messages: int  # how many
+    definition: str  # ros2msg text with all dependencies, '' where the bag does not carry it
+    qos: tuple[Qos, ...]  # what its publishers offered
 
 
 @dataclass(frozen=True)

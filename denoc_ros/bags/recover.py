@@ -23,24 +23,12 @@ Progress = Callable[[int], None]
 
 @dataclass(frozen=True)
 class Recovered:
-    """The result of a recovery.
+    """The result of a recovery."""
 
-    Attributes
-    ----------
-    path : Path
-        The new bag.
-    files : tuple of FileContents
-        What each of its files holds.
-    torn : tuple of str
-        Names of the files that ended before their end.
-    damaged_chunks : int
-        Chunks left out because their content is not what was written.
-    """
-
-    path: Path
-    files: tuple[FileContents, ...]
-    torn: tuple[str, ...]
-    damaged_chunks: int
+    path: Path  # the new bag
+    files: tuple[FileContents, ...]  # what each of its files holds
+    torn: tuple[str, ...]  # names of the files that ended before their end
+    damaged_chunks: int  # chunks left out because their content is not what was written
 
     @property
     def counts(self) -> dict[str, int]:

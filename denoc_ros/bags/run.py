@@ -60,36 +60,18 @@ class Diagnostic:
 
 @dataclass(frozen=True)
 class RecordedTopics:
-    """Topics of a recorded run; all times count from its origin.
+    """Topics of a recorded run; all times count from its origin."""
 
-    Attributes
-    ----------
-    path : Path
-        The bag.
-    topics : dict of str to str
-        Name -> type of all topics.
-    counts : dict of str to int
-        Name -> number of messages.
-    length : float
-        From the first to the last message of the whole bag [s].
-    joint_states : dict of str to JointSeries
-        By topic.
-    kept : dict of str to list of (int, bytes)
-        Log times [ns] and CDR bytes of the messages that are kept whole, by topic.
-    origin_ns : int
-        The first stamp of a JointState [ns].
-    noted : sequence of mapping
-        `name`, `begin_ns` and `end_ns` (None: unfinished) of each phase, as a session notes them
-        by the clock of the recording.
-    """
-
-    path: Path
-    topics: Mapping[str, str]
-    counts: Mapping[str, int]
-    length: float
-    joint_states: Mapping[str, JointSeries]
+    path: Path  # the bag
+    topics: Mapping[str, str]  # name -> type of all topics
+    counts: Mapping[str, int]  # name -> number of messages
+    length: float  # from the first to the last message of the whole bag [s]
+    joint_states: Mapping[str, JointSeries]  # by topic
+    # log times [ns] and CDR bytes of the messages that are kept whole, by topic
     kept: Mapping[str, Sequence[tuple[int, bytes]]]
-    origin_ns: int
+    origin_ns: int  # the first stamp of a JointState [ns]
+    # `name`, `begin_ns` and `end_ns` (None: unfinished) of each phase, as a session notes them by
+    # the clock of the recording
     noted: Sequence[Mapping[str, Any]] = ()
 
     @property

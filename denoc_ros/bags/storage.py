@@ -347,24 +347,12 @@ def cut(found: int, written: int) -> str:
 
 @dataclass(frozen=True)
 class Loss:
-    """A file of a bag that was moved, deleted or damaged during the recording.
+    """A file of a bag that was moved, deleted or damaged during the recording."""
 
-    Attributes
-    ----------
-    path : Path
-        Where it was.
-    cause : str
-        What became of it.
-    contents : FileContents
-        What had been written to it.
-    next_path : Path, optional
-        The file in which the recording goes on.
-    """
-
-    path: Path
-    cause: str
-    contents: FileContents
-    next_path: Path | None = None
+    path: Path  # where it was
+    cause: str  # what became of it
+    contents: FileContents  # what had been written to it
+    next_path: Path | None = None  # the file in which the recording goes on
 
     def __str__(self) -> str:
         """Return the event and the loss as a message to the user."""
@@ -391,24 +379,12 @@ def free_paths(path: Path, suffix: str) -> Iterator[Path]:
 
 @dataclass
 class McapIndex:
-    """Where the chunks and attachments of a file lie.
+    """Where the chunks and attachments of a file lie."""
 
-    Attributes
-    ----------
-    end : int
-        Offset after the last of them [bytes].
-    chunks : list of ChunkIndex
-        In file order.
-    counts : list of Counter
-        Messages by channel of each chunk.
-    attachments : list of AttachmentIndex
-        In file order.
-    """
-
-    end: int
-    chunks: list[ChunkIndex] = field(default_factory=list)
-    counts: list[Counter[int]] = field(default_factory=list)
-    attachments: list[AttachmentIndex] = field(default_factory=list)
+    end: int  # offset after the last of them [bytes]
+    chunks: list[ChunkIndex] = field(default_factory=list)  # in file order
+    counts: list[Counter[int]] = field(default_factory=list)  # messages by channel of each chunk
+    attachments: list[AttachmentIndex] = field(default_factory=list)  # in file order
 
     def drop_last_chunk(self) -> None:
         """Leave out the last chunk and everything after it."""

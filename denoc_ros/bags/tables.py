@@ -5,7 +5,9 @@ from __future__ import annotations
 import csv
 import json
 import re
+import struct
 import zipfile
+import zlib
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -35,7 +37,9 @@ MOST_SIGNALS = 64  # rows of a text that may be signals, one in each
 FEWEST_SAMPLES = 8
 LOOKED_AT = 40  # lines that say how all are separated, and which cells are numbers
 MOST_WORDS = 3  # of a column's name in a comment
-LARGEST_SHEET = 256 << 20  # bytes of a spreadsheet, unpacked
+LARGEST = 256 << 20  # bytes of a spreadsheet or .mat file, unpacked
+PIECE = 1 << 20  # bytes that are unpacked at once
+MAT_HEADER, MAT_COMPRESSED = 128, 15  # bytes; type of an element
 UNITS = {'s': 1.0, 'ms': 1e-3, 'us': 1e-6, 'ns': 1e-9}
 TIME_NAMES = ('time', 't', 'timestamp', 'stamp')
 OTHER_NAMES = (  # of other programs and languages
@@ -87,25 +91,15 @@ class Table(dict[str, Array]):
 
 @dataclass(frozen=True)
 class Sheet:
-    """Cells of a table.
+    """Cells of a table."""
 
-    Attributes
-    ----------
-    names, units : list of str
-        Of its columns; [] where there is no such row.
-    rows : list of (int, list of str)
-        Number of the line, and cells, from the first row of numbers on.
-    commas : bool
-        Numbers have decimal commas.
-    width : int
-        Cells of most rows.
-    """
-
+    # of its columns; [] where there is no such row
     names: list[str]
     units: list[str]
+    # number of the line, and cells, from the first row of numbers on
     rows: list[tuple[int, list[str]]]
-    commas: bool = False
-    width: int = 0
+    commas: bool = False  # numbers have decimal commas
+    width: int = 0  # cells of most rows
 
     def number(self, cell: str) -> float | None:
         """Return the number or the time [s] in a cell, None where it is neither."""
@@ -386,11 +380,8 @@ def _read_workbook(path: Path) -> Sheet:
                 'save it as .csv'
             )
         size = sum(entry.file_size for entry in archive.infolist())
-        if size > LARGEST_SHEET:
-            raise BagError(
-                f'{path}: spreadsheet must unpack to at most {LARGEST_SHEET >> 20} MiB, '
-                f'got {size >> 20} MiB: save the sheet as .csv'
-            )
+        if size > LARGEST:
+            raise BagError(_too_large(path, f'{size >> 20} MiB'))
     book = openpyxl.load_workbook(path, read_only=True, data_only=True)
     try:
         for one in book.worksheets:
@@ -427,11 +418,32 @@ def _cell(value: Any) -> str:
 def _read_mat(path: Path) -> Table:
     from scipy.io import loadmat
 
+    _require_small_mat(path)
     columns: dict[str, Array] = {}
     for name, value in loadmat(path, simplify_cells=True).items():
         if not name.startswith('__'):
             columns |= _mat_columns(name, value)
     return Table(columns)
+
+
+def _require_small_mat(path: Path) -> None:
+    """Raise BagError where the compressed variables of a .mat file would fill the memory."""
+    left = LARGEST
+    with path.open('rb') as file:
+        order = {b'IM': '<', b'MI': '>'}.get(file.read(MAT_HEADER)[-2:])
+        while order and len(tag := file.read(8)) == 8:
+            kind, size = struct.unpack(f'{order}2I', tag)
+            packed, unpacker = file.read(size), zlib.decompressobj()
+            while kind == MAT_COMPRESSED and packed:
+                left -= len(unpacker.decompress(packed, PIECE))
+                packed = unpacker.unconsumed_tail
+                if left < 0:
+                    raise BagError(_too_large(path, 'more'))
+
+
+def _too_large(path: Path, got: str) -> str:
+    rule = f'table must unpack to at most {LARGEST >> 20} MiB'
+    return f'{path}: {rule}, got {got}: save it as .csv'
 
 
 def _mat_columns(name: str, value: Any) -> dict[str, Array]:

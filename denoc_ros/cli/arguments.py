@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import fields
 from pathlib import Path
 from typing import Any, TypeVar
 
 from denoc_ros.cli.config import find_file, parse_setting
+from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import ConfigError
 from denoc_ros.reports.run_files import EARTH
 from denoc_ros.settings import Parameter
 
-Value = TypeVar('Value')
+Settings = TypeVar('Settings')
 
 
 def add_json(parser: Any) -> None:
@@ -60,12 +62,6 @@ def add_output(parser: Any, form: str, text: str, required: bool = False) -> Non
     )
 
 
-def add_window(group: Any, of: str) -> None:
-    """Declare `--begin` and `--end`, counted from the first of something."""
-    since = f'since the first {of} [s]'
-    add_numbers(group, ('--begin S', 0.0, since), ('--end S', math.inf, since))
-
-
 def add_gravity(
     parser: Any, default: tuple[float, float, float] | None = EARTH, said: str = '0 0 -9.81'
 ) -> None:
@@ -98,7 +94,7 @@ def add_setting(group: Any, row: Parameter) -> None:
 
 
 def add_times(group: Any) -> None:
-    """Declare how the times of a table are read."""
+    """Declare how the times of a table are read: the fields of `TableTimes`."""
     group.add_argument(
         '--time', metavar='COLUMN', default='', help='column with the times of a table'
     )
@@ -113,13 +109,25 @@ def add_times(group: Any) -> None:
     add_numbers(group, ('--rate HZ', 0.0, 'sample rate of a table without times'))
 
 
-def times_findings(rate: float) -> list[str]:
-    """Findings on `--rate`, the sample rate of a table [Hz]."""
-    return [] if math.isfinite(rate) and rate >= 0.0 else [f'--rate must be > 0 Hz, got {rate}']
+def add_window(group: Any, of: str) -> None:
+    """Declare which part of a recording is read, and how: the fields of `RecordedWindow`."""
+    since = f'since the first {of} [s]'
+    add_stamp(group)
+    add_times(group)
+    add_numbers(group, ('--begin S', 0.0, since), ('--end S', math.inf, since))
+
+
+def window_findings(args: argparse.Namespace) -> list[str]:
+    """Findings on the sample rate of a table, and on begin and end where these are options."""
+    begin, end, rate = getattr(args, 'begin', 0.0), getattr(args, 'end', math.inf), args.rate
+    found = [] if math.isfinite(rate) and rate >= 0.0 else [f'--rate must be > 0 Hz, got {rate}']
+    if not begin < end:
+        found.append(f'--begin must be before --end, got {begin} and {end} s')
+    return found
 
 
 def add_stamp(parser: Any) -> None:
-    """Declare `--stamp` for a parser or a group."""
+    """Declare `--stamp`: by which clock a bag is read."""
     parser.add_argument(
         '--stamp',
         choices=('header', 'log'),
@@ -146,38 +154,64 @@ def given_file(path: str, whose: str) -> Path:
     return found
 
 
-def named_values(
-    option: str,
-    texts: Sequence[str],
-    form: str,
-    read: Callable[[str], Value],
-    findings: list[str],
-) -> dict[str, Value]:
-    """Return NAME=VALUE texts as a mapping.
+class _Pair(argparse.Action):
+    """Takes NAME=VALUE into a mapping; a text of another form becomes a finding."""
 
-    Parameters
-    ----------
-    option : str
-        Whose they are.
-    texts : sequence of str
-        As given on the command line.
-    form : str
-        What each must be, such as `JOINT=VALUE`.
-    read : callable
-        Returns a value from its text, ValueError for what is none.
-    findings : list of str
-        What each that is not of the form is added to.
-    """
-    values = {}
-    for text in texts:
+    def __init__(self, *args: Any, read: Callable[[str], Any], form: str, **more: Any) -> None:
+        super().__init__(*args, **more)
+        self._read, self._form = read, form
+
+    def __call__(
+        self, parser: Any, namespace: argparse.Namespace, text: Any, option: str | None = None
+    ) -> None:
+        """Add the pair to those before it."""
         name, equals, value = text.partition('=')
         try:
             if not (name and equals):
                 raise ValueError(text)
-            values[name] = read(value)
+            pairs = {**getattr(namespace, self.dest), name: self._read(value)}
         except ValueError:
-            findings.append(f'{option} must be {form}, got {text!r}')
-    return values
+            namespace.findings.append(f'{option} must be {self._form}, got {text!r}')
+        else:
+            setattr(namespace, self.dest, pairs)
+
+
+def add_pairs(
+    parser: Any,
+    option: str,
+    text: str,
+    read: Callable[[str], Any] = str,
+    dest: str | None = None,
+    form: str = '',
+) -> None:
+    """Declare an option NAME=VALUE that may be given several times: a mapping, empty by default.
+
+    Parameters
+    ----------
+    parser : argument parser or group
+        What gets it.
+    option : str
+        Option with the form of its value, `--rename OLD=NEW`.
+    text : str
+        Its help.
+    read : callable
+        Returns a value from its text, ValueError for one that is none.
+    dest : str, optional
+        Its name among the arguments.
+    form : str
+        The form in errors, where it is not that of `option`.
+    """
+    name, _, shown = option.partition(' ')
+    parser.add_argument(
+        name, metavar=shown, action=_Pair, read=read, form=form or shown, default={}, dest=dest,
+        help=f'{text}; repeatable',
+    )  # fmt: skip
+
+
+def settings_of(kind: type[Settings], args: argparse.Namespace, **own: Any) -> Settings:
+    """Return a class's settings by the arguments that are called like its fields."""
+    names = {field.name for field in fields(kind) if hasattr(args, field.name)}  # type: ignore[arg-type]
+    return kind(**{name: getattr(args, name) for name in names - own.keys()}, **own)
 
 
 def require(findings: Sequence[str]) -> None:
@@ -195,47 +229,51 @@ def number_range(text: str) -> tuple[float, float]:
 
 def add_overrides(parser: argparse.ArgumentParser) -> None:
     """Declare `--set` and `--payload`."""
-    add_repeated(
+    text = 'change a number of the model, such as beam.upper_arm.y.ei=9e4; repeatable'
+    add_repeated(parser, ('--set PATH=VALUE', text))
+    add_pairs(
         parser,
-        (
-            '--set PATH=VALUE',
-            'change a number of the model, such as beam.upper_arm.y.ei=9e4; repeatable',
-        ),
-        (
-            '--payload LINK=MASS[,X,Y,Z]',
-            'add a mass [kg] to a link, with its centre in the link frame [m]; repeatable',
-        ),
+        '--payload LINK=MASS[,X,Y,Z]',
+        'add a mass [kg] to a link, with its centre in the link frame [m]',
+        _mass_and_centre,
+        form='LINK=MASS or LINK=MASS,X,Y,Z',
     )
 
 
-def overrides_of(settings: Sequence[str], payloads: Sequence[str]) -> dict[str, Any]:
+def overrides_of(
+    settings: Sequence[str], payloads: Mapping[str, Sequence[float]]
+) -> dict[str, Any]:
     """Return overrides by dotted path.
 
     Parameters
     ----------
     settings : sequence of str
         `path=value` each.
-    payloads : sequence of str
-        `link=mass` or `link=mass,x,y,z` each.
+    payloads : mapping of str to sequence of float
+        Mass [kg], or mass and centre [m], by link.
 
     Raises
     ------
     ConfigError
-        With every text that is neither.
+        With every text that is no setting.
     """
     findings: list[str] = []
     overrides: dict[str, Any] = {}
     for setting in settings:
         if (parsed := parse_setting(setting, findings)) is not None:
             overrides['.'.join(parsed[0])] = parsed[1]
-    form = 'LINK=MASS or LINK=MASS,X,Y,Z'
-    hung = named_values('--payload', payloads, form, _mass_and_centre, findings)
     require(findings)
-    for link, (mass, *centre) in hung.items():
+    for link, (mass, *centre) in payloads.items():
         overrides[f'payload.{link}.mass'] = mass
         if centre:
             overrides[f'payload.{link}.com'] = centre
     return overrides
+
+
+def overridden(robot: Robot, args: argparse.Namespace) -> Robot:
+    """Return a robot with the changes of `--set` and `--payload`."""
+    overrides = overrides_of(args.set, args.payload)
+    return robot.with_overrides(overrides) if overrides else robot
 
 
 def _mass_and_centre(text: str) -> list[float]:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from functools import partial
 from importlib import import_module
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from tqdm import tqdm
@@ -33,18 +34,10 @@ LEAN = {
 
 @dataclass(frozen=True)
 class WorkerConfig:
-    """Who does the work.
+    """Who does the work."""
 
-    Attributes
-    ----------
-    count : int
-        Local processes; 0 for this one alone.
-    scheduler : str
-        Address of a Dask scheduler, which then has the workers; '' for none.
-    """
-
-    count: int = 0
-    scheduler: str = ''
+    count: int = 0  # local processes; 0 for this one alone
+    scheduler: str = ''  # address of a Dask scheduler, which then has the workers; '' for none
 
 
 class RowStore:
@@ -239,7 +232,12 @@ def _client(workers: WorkerConfig, tasks: int) -> Iterator[Any]:
         with closing(client):
             yield client
         return
-    with _required('dask').config.set(LEAN), ExitStack() as stack:
+    # Dask would take a folder in the temporary one that another user has made, and import from it
+    with (
+        TemporaryDirectory(prefix='denoc-', ignore_cleanup_errors=True) as own,
+        _required('dask').config.set({**LEAN, 'temporary-directory': own}),
+        ExitStack() as stack,
+    ):
         # Ctrl-C is for this process, which ends the others in order
         with deferred_interrupts():
             cluster = stack.enter_context(
@@ -247,8 +245,9 @@ def _client(workers: WorkerConfig, tasks: int) -> Iterator[Any]:
                     n_workers=min(workers.count, tasks),
                     threads_per_worker=1,
                     dashboard_address=None,
-                    silence_logs=logging.ERROR,
+                    silence_logs=logging.CRITICAL,
                     env=SINGLE_THREADED,
+                    local_directory=own,
                 )
             )
             client = stack.enter_context(closing(distributed.Client(cluster)))

@@ -80,73 +80,41 @@ def _set(
 
 @dataclass(frozen=True)
 class Phase:
-    """One run of the reference.
-
-    Attributes
-    ----------
-    name : str
-    nodes : mapping
-        What it changes in the nodes' parameters.
-    shape : mapping
-        `method` and options of `denoc_ros.shape_motion` by which the reference is shaped; empty:
-        it is followed as it is.
-    """
+    """One run of the reference."""
 
     name: str
+    # what it changes in the nodes' parameters
     nodes: Mapping[str, Parameters] = field(default_factory=dict)
+    # `method` and options of `denoc_ros.shape_motion` by which the reference is shaped; empty: it
+    # is followed as it is
     shape: Parameters = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
 class SessionConfig:
-    """Configuration of a session of `denoc up`.
+    """Configuration of a session of `denoc up`."""
 
-    Attributes
-    ----------
-    path, robot : Path
-        The file itself, and the robot it names.
-    gravity : tuple of float
-        (3,) base frame [m/s^2].
-    reference : mapping
-        `kind` and what goes with it; empty where the file has none.
-    duration : float
-        Of each phase [s]; 0 where the file gives none.
-    record : bool
-        Whether a recorder runs.
-    time : str
-        `real`; `simulated`: the plant makes the time, in lockstep with the others; `auto`: real
-        where the machine is fast enough, which a rehearsal tells.
-    tip : str
-        The frame whose tracking error is reported; '' for the end of the last chain.
-    joints : tuple of str
-        The driven joints of a robot with loops; () for all that are not mimics.
-    model : mapping
-        Overrides of the model that every node but the plant works with: dotted path -> number(s).
-    nodes : mapping
-        Node -> flat parameters, the plant's among them.
-    without : frozenset of str
-        Nodes that are not started: `nodes: {NAME: false}`, and the viewer and the shaper where
-        `nodes` has none.
-    plant_model : mapping
-        Overrides of the model that are true of the plant only.
-    phases : tuple of Phase
-        At least one.
-    """
-
+    # the file itself, and the robot it names
     path: Path
     robot: Path
-    gravity: tuple[float, float, float]
-    reference: Mapping[str, Any]
-    duration: float
-    record: bool
+    gravity: tuple[float, float, float]  # (3,) base frame [m/s^2]
+    reference: Mapping[str, Any]  # `kind` and what goes with it; empty where the file has none
+    duration: float  # of each phase [s]; 0 where the file gives none
+    record: bool  # whether a recorder runs
+    # `real`; `simulated`: the plant makes the time, in lockstep with the others; `auto`: real
+    # where the machine is fast enough, which a rehearsal tells
     time: str
-    tip: str
+    tip: str  # the frame whose tracking error is reported; '' for the end of the last chain
+    # the driven joints of a robot with loops; () for all that are not mimics
     joints: tuple[str, ...]
+    # overrides of the model that every node but the plant works with: dotted path -> number(s)
     model: Parameters
-    nodes: Mapping[str, Parameters]
+    nodes: Mapping[str, Parameters]  # node -> flat parameters, the plant's among them
+    # nodes that are not started: `nodes: {NAME: false}`, and the viewer and the shaper where
+    # `nodes` has none
     without: frozenset[str]
-    plant_model: Parameters
-    phases: tuple[Phase, ...]
+    plant_model: Parameters  # overrides of the model that are true of the plant only
+    phases: tuple[Phase, ...]  # at least one
 
 
 def load_config(path: str | os.PathLike[str], settings: Sequence[str] = ()) -> SessionConfig:

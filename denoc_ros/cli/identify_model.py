@@ -11,23 +11,21 @@ from typing import Any
 import numpy as np
 
 from denoc_ros.bags.digest import file_hash
-from denoc_ros.bags.joint_table import TableTimes
 from denoc_ros.cli.arguments import (
     add_gravity,
     add_json,
     add_numbers,
     add_output,
     add_overrides,
-    add_repeated,
-    add_stamp,
-    add_times,
+    add_pairs,
     add_window,
     given_file,
-    named_values,
     number_range,
+    overridden,
     overrides_of,
     require,
-    times_findings,
+    settings_of,
+    window_findings,
 )
 from denoc_ros.cli.batch import WorkerConfig, add_worker_options, worker_config
 from denoc_ros.cli.identify_options import Action, written_result
@@ -135,64 +133,51 @@ def _add_recording(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         '--topic', default='/joint_states', help='joint states of a bag; default: /joint_states'
     )
-    add_repeated(
-        group,
+    for option, dest, read, text in (
         (
             '--rename OLD=NEW',
-            'beginning of joint names in the bag, and its replacement in the robot; repeatable',
+            None,
+            str,
+            'beginning of joint names in the bag, and its replacement in the robot',
         ),
         (
             '--column NAME=COLUMN',
+            'columns',
+            str,
             "column of a table: JOINT.position, JOINT.velocity, JOINT.effort, or a sensor's "
-            'raw readings as sensor.NAME; repeatable',
+            'raw readings as sensor.NAME',
         ),
         (
             '--torque-constant JOINT=NM_PER_A',
+            'torque_constants',
+            float,
             "torque per ampere at the joint, where the joint's effort was recorded as "
-            'current; negative where current turns it the other way; repeatable',
+            'current; negative where current turns it the other way',
         ),
         (
             '--filter SENSOR=OMEGA,DAMPING',
+            'filters',
+            _two_numbers,
             "low-pass of second order that a sensor's readings have passed [rad/s, share of "
-            'critical]; repeatable',
+            'critical]',
         ),
         (
             '--pose TOPIC=FRAME',
+            'poses',
+            str,
             'poses (geometry_msgs/PoseStamped) that a tracker measured of a frame of the '
-            "robot, in axes near those of the robot's base; repeatable",
+            "robot, in axes near those of the robot's base",
         ),
-    )
+    ):
+        add_pairs(group, option, text, read, dest)
     add_window(group, 'joint state')
-    add_stamp(group)
-    add_times(group)
 
 
 def recording_settings(args: argparse.Namespace) -> RecordingSettings:
     """Settings by the options; ConfigError with every finding."""
-    findings = times_findings(args.rate)
-    if not args.begin < args.end:
-        findings.append(f'--begin must be before --end, got {args.begin} and {args.end} s')
-    rename = named_values('--rename', args.rename, 'OLD=NEW', str, findings)
-    columns = named_values('--column', args.column, 'NAME=COLUMN', str, findings)
-    form = 'SENSOR=OMEGA,DAMPING'
-    filters = named_values('--filter', args.filter, form, _two_numbers, findings)
-    poses = named_values('--pose', args.pose, 'TOPIC=FRAME', str, findings)
-    constants = named_values(
-        '--torque-constant', args.torque_constant, 'JOINT=NM_PER_A', float, findings
-    )
-    require(findings)
-    return RecordingSettings(
-        topic=args.topic,
-        stamp=args.stamp,
-        rename=rename,
-        columns=columns,
-        times=TableTimes(args.time, args.time_unit, args.rate),
-        begin=args.begin,
-        end=args.end,
-        filters={name: SensorFilter(*pair) for name, pair in filters.items()},
-        poses=poses,
-        torque_constants=constants,
-    )
+    require(window_findings(args))
+    filters = {name: SensorFilter(*pair) for name, pair in args.filters.items()}
+    return settings_of(RecordingSettings, args, filters=filters)
 
 
 def _two_numbers(text: str) -> tuple[float, float]:
@@ -242,7 +227,7 @@ def _model(args: argparse.Namespace) -> VerbResult:
 
 
 def _applied(target: Path, options: ModelOptions, found: IdentifiedModel) -> list[str]:
-    """Write the robot's description with the found numbers; return what is to be told."""
+    """Write the robot's description with the found numbers; return the lines that say so."""
     text, left = applied_description(options.file, found)
     write_text(target, text)
     return [
@@ -344,34 +329,30 @@ def _add_motion(parser: argparse.ArgumentParser) -> None:
             default=default,
             help=f'{text}; default: {default:g}',
         )
-    add_repeated(
+    text = 'where a joint begins and ends [rad, m]; default: 0'
+    add_pairs(group, '--start JOINT=VALUE', text, float)
+    add_pairs(
         group,
-        ('--start JOINT=VALUE', 'where a joint begins and ends [rad, m]; default: 0; repeatable'),
-        (
-            '--noise CHANNEL=VALUE',
-            'standard deviation of a sample of effort, effort.JOINT [N m, N], a sensor, '
-            'IMU.gyro [rad/s] or IMU.accel [m/s^2]; inf: not recorded; default: 1 %% of the '
-            "effort limit, the sensor's noise; repeatable",
-        ),
+        '--noise CHANNEL=VALUE',
+        'standard deviation of a sample of effort, effort.JOINT [N m, N], a sensor, '
+        'IMU.gyro [rad/s] or IMU.accel [m/s^2]; inf: not recorded; default: 1 %% of the '
+        "effort limit, the sensor's noise",
+        float,
     )
 
 
 def _add_limits(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group("limits in place of the URDF's")
-    add_repeated(group, ('--position JOINT=LOW:HIGH', 'range of a joint [rad, m]; repeatable'))
+    add_pairs(group, '--position JOINT=LOW:HIGH', 'range of a joint [rad, m]', number_range)
     for name, (form, text) in LIMITS.items():
-        group.add_argument(
-            f'--{name}', action='append', default=[], metavar=form, help=f'{text}; repeatable'
-        )
+        add_pairs(group, f'--{name} {form}', text, float)
 
 
 def _excite(args: argparse.Namespace) -> VerbResult:
     """Plan the motion; exit status 0 good, 2 doubtful, 3 not identifiable."""
     options = _excite_options(args)
     file = given_file(args.robot, 'robot')
-    robot = load_robot(file, gravity=tuple(args.gravity))
-    overrides = overrides_of(args.set, args.payload)
-    robot = robot.with_overrides(overrides) if overrides else robot
+    robot = overridden(load_robot(file, gravity=tuple(args.gravity)), args)
     with share_bar(args.json) as bar:
         found = design_excitation(
             robot, args.free, **options, progress=lambda share: bar.update(share - bar.n)
@@ -401,24 +382,12 @@ def _excite_options(args: argparse.Namespace) -> dict[str, Any]:
         findings.append(f'--output must end in .yaml, got {args.output.name!r}')
     if not 0.0 < args.interval < math.inf:
         findings.append(f'--interval must be > 0 s, got {args.interval}')
-    options: dict[str, Any] = {
-        name: getattr(args, name)
-        for name in ('duration', 'harmonics', 'rate', 'time_limit', 'seed')
-    }
-    for name, form in (
-        ('start', 'JOINT=VALUE'),
-        ('noise', 'CHANNEL=VALUE'),
-        *((name, form) for name, (form, _) in LIMITS.items()),
-    ):
-        if texts := getattr(args, name):
-            options[name] = named_values(f'--{name}', texts, form, float, findings)
-    if args.position:
-        options['position'] = named_values(
-            '--position', args.position, 'JOINT=LOW:HIGH', number_range, findings
-        )
     require(findings)
     require_new(args.output, args.trajectory, args.page)
-    return options
+    always = ('duration', 'harmonics', 'rate', 'time_limit', 'seed')
+    where_given = ('start', 'noise', 'position', *LIMITS)
+    given = [name for name in where_given if getattr(args, name)]
+    return {name: getattr(args, name) for name in (*always, *given)}
 
 
 def _head(found: Excitation) -> str:

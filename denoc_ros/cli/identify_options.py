@@ -13,13 +13,11 @@ from denoc_ros.cli.arguments import (
     add_json,
     add_numbers,
     add_output,
-    add_repeated,
-    add_stamp,
-    add_times,
+    add_pairs,
     add_window,
-    named_values,
     require,
-    times_findings,
+    settings_of,
+    window_findings,
 )
 from denoc_ros.cli.verb_result import VerbResult
 from denoc_ros.cli.verbs import exit_status
@@ -33,20 +31,12 @@ from denoc_ros.reports.provenance import versions
 
 @dataclass(frozen=True)
 class Action:
-    """One action of `denoc identify`.
-
-    Attributes
-    ----------
-    name, description : str
-    add_options : callable
-        Declares its arguments.
-    run : callable
-        Of the parsed arguments the result; what they mean goes on as values of their own.
-    """
+    """One action of `denoc identify`."""
 
     name: str
     description: str
-    add_options: Callable[[argparse.ArgumentParser], None]
+    add_options: Callable[[argparse.ArgumentParser], None]  # declares its arguments
+    # of the parsed arguments the result; what they mean goes on as values of their own
     run: Callable[[argparse.Namespace], VerbResult]
 
 
@@ -107,8 +97,6 @@ def add_channel_options(parser: argparse.ArgumentParser) -> None:
         default='position',
         help='quantity of a JointState; default: position',
     )
-    add_stamp(group)
-    add_times(group)
     add_numbers(
         group,
         ('--gain', 1.0, 'value = gain * raw + offset'),
@@ -161,25 +149,8 @@ def channel_of(args: argparse.Namespace) -> Channel:
     ]
     if args.gain == 0.0:
         findings.append('--gain must not be 0, got 0')
-    findings += times_findings(args.rate)
-    begin, end = getattr(args, 'begin', 0.0), getattr(args, 'end', math.inf)
-    if not begin < end:
-        findings.append(f'--begin must be before --end, got {begin} and {end} s')
-    ConfigError.raise_any('identify', findings)
-    return Channel(
-        topic=args.topic,
-        field=args.field,
-        quantity=args.quantity,
-        stamp=args.stamp,
-        time=args.time,
-        time_unit=args.time_unit,
-        rate=args.rate,
-        gain=args.gain,
-        offset=args.offset,
-        unit=args.unit,
-        begin=begin,
-        end=end,
-    )
+    require([*findings, *window_findings(args)])
+    return settings_of(Channel, args)
 
 
 def add_robot_options(parser: argparse.ArgumentParser, robot: bool = True) -> None:
@@ -192,13 +163,8 @@ def add_robot_options(parser: argparse.ArgumentParser, robot: bool = True) -> No
             default='',
             help='robot for the damping coefficients; default: the one in the bag',
         )
-    add_repeated(
-        group,
-        (
-            '--at JOINT=VALUE',
-            "position of a joint [rad, m]; default: the bag's /joint_states, else 0; repeatable",
-        ),
-    )
+    text = "position of a joint [rad, m]; default: the bag's /joint_states, else 0"
+    add_pairs(group, '--at JOINT=VALUE', text, float)
     group.add_argument(
         '--joints',
         choices=('held', 'free'),
@@ -206,11 +172,3 @@ def add_robot_options(parser: argparse.ArgumentParser, robot: bool = True) -> No
         help='whether the joints were held during the decay; default: held',
     )
     add_gravity(group)
-
-
-def joint_values(settings: Sequence[str]) -> dict[str, float]:
-    """Return JOINT=VALUE settings as a mapping; ConfigError with every finding."""
-    findings: list[str] = []
-    values = named_values('--at', settings, 'JOINT=VALUE', float, findings)
-    require(findings)
-    return values

@@ -18,7 +18,6 @@ from denoc_ros.cli.identify_options import (
     add_verdict_options,
     asked_of,
     channel_of,
-    joint_values,
     written_result,
 )
 from denoc_ros.cli.identify_rows import RowKind, recordings, rows_result
@@ -115,7 +114,7 @@ def decay_options(args: argparse.Namespace) -> DecayOptions:
         count=count,
         robot=args.robot,
         file=given_file(args.robot, 'robot').resolve() if args.robot else None,
-        joints=joint_values(args.at),
+        joints=args.at,
         held=args.joints == 'held',
         gravity=tuple(args.gravity),
     )

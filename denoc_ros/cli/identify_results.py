@@ -10,7 +10,7 @@ from pathlib import Path
 import yaml
 
 from denoc_ros.cli.arguments import add_json, add_output, given_file
-from denoc_ros.cli.identify_options import Action, add_robot_options, joint_values
+from denoc_ros.cli.identify_options import Action, add_robot_options
 from denoc_ros.cli.verb_result import VerbResult
 from denoc_ros.cli.verbs import DOUBTFUL
 from denoc_ros.dynamics.robot import load_robot
@@ -29,12 +29,17 @@ def _add_results(parser: argparse.ArgumentParser) -> None:
     add_json(parser)
 
 
-def _add_apply(parser: argparse.ArgumentParser) -> None:
+def _add_written(parser: argparse.ArgumentParser, form: str, file: str) -> None:
+    """Declare the options of files that are written from results."""
     _add_results(parser)
-    parser.add_argument('--robot', metavar='URDF', required=True, help='URDF file of the robot')
-    add_output(parser, 'URDF', 'URDF file to write, must not exist', required=True)
-    parser.add_argument('--joint', default='', help='joint to which the friction belongs')
+    add_output(parser, form, f'{file}, must not exist', required=True)
     parser.add_argument('--doubtful', action='store_true', help='use doubtful modes too')
+
+
+def _add_apply(parser: argparse.ArgumentParser) -> None:
+    _add_written(parser, 'URDF', 'URDF file to write')
+    parser.add_argument('--robot', metavar='URDF', required=True, help='URDF file of the robot')
+    parser.add_argument('--joint', default='', help='joint to which the friction belongs')
     add_robot_options(parser, robot=False)
 
 
@@ -43,8 +48,8 @@ def _apply(args: argparse.Namespace) -> VerbResult:
     require_new(args.output)
     results = [read_result(path) for path in args.results]
     robot = load_robot(given_file(args.robot, 'robot'), gravity=tuple(args.gravity))
-    at, held = joint_values(args.at), args.joints == 'held'
-    overrides = overrides_of_results(robot, results, at, held, args.doubtful, args.joint)
+    held = args.joints == 'held'
+    overrides = overrides_of_results(robot, results, args.at, held, args.doubtful, args.joint)
     write_text(args.output, edited_description(robot.tree.source, overrides))
     lines = [f'{args.output}: {args.robot} with']
     for path, value in overrides.items():
@@ -76,9 +81,7 @@ def _compare(args: argparse.Namespace) -> VerbResult:
 
 
 def _add_postures(parser: argparse.ArgumentParser) -> None:
-    _add_results(parser)
-    add_output(parser, 'FILE', 'table of modes to write (.yaml), must not exist', required=True)
-    parser.add_argument('--doubtful', action='store_true', help='use doubtful modes too')
+    _add_written(parser, 'FILE', 'table of modes to write (.yaml)')
 
 
 def _postures(args: argparse.Namespace) -> VerbResult:

@@ -21,24 +21,13 @@ RECORDINGS = ('.mcap', '.db3', '.csv', '.tsv', '.dat', '.mat', '.json')
 
 @dataclass(frozen=True)
 class RowKind:
-    """Content of a recording's row, beside its file, verdict, reasons and processor time.
+    """Content of a recording's row, beside its file, verdict, reasons and processor time."""
 
-    Attributes
-    ----------
-    task : callable
-        Importable by name; of an item (options, path) the row.
-    own : mapping of str to type
-        Columns, as of a `RowStore`.
-    shown : callable
-        Of a row the cells of its line on a terminal.
-    depends : str
-        What else rows depend on: others are worked out anew.
-    """
-
+    # importable by name; of an item (options, path) the row
     task: Callable[[tuple[Any, Path]], Row]
-    own: Mapping[str, type]
-    shown: Callable[[Row], Row]
-    depends: str = ''
+    own: Mapping[str, type]  # columns, as of a `RowStore`
+    shown: Callable[[Row], Row]  # of a row the cells of its line on a terminal
+    depends: str = ''  # what else rows depend on: others are worked out anew
 
     @property
     def columns(self) -> dict[str, type]:

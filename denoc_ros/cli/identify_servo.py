@@ -5,18 +5,17 @@ from __future__ import annotations
 import argparse
 
 from denoc_ros.cli.arguments import (
-    add_stamp,
-    add_times,
+    add_pairs,
     add_window,
-    named_values,
-    times_findings,
+    require,
+    settings_of,
+    window_findings,
 )
 from denoc_ros.cli.identify_options import Action, add_recording_options, written_result
 from denoc_ros.cli.verb_result import VerbResult
-from denoc_ros.errors import ConfigError
 from denoc_ros.identification.channel import Channel
 from denoc_ros.identification.servo_runs import ServoOptions, identify_servos
-from denoc_ros.reports.identify_servo import servo_page, servo_text
+from denoc_ros.reports.identify_signals import servo_page, servo_text
 
 
 def _add_servo(parser: argparse.ArgumentParser) -> None:
@@ -37,13 +36,11 @@ def _add_servo(parser: argparse.ArgumentParser) -> None:
         default='/joint_states',
         help='topic of the measured JointState; default: /joint_states',
     )
-    group.add_argument(
-        '--column',
-        action='append',
-        default=[],
-        metavar='JOINT.FIELD=COLUMN',
-        help='column of a table with what a joint is told (FIELD command) or its position; '
-        'default: columns such as elbow/command and elbow/position; repeatable',
+    add_pairs(
+        group,
+        '--column JOINT.FIELD=COLUMN',
+        'column of a table with what a joint is told (FIELD command) or its position; '
+        'default: columns such as elbow/command and elbow/position',
     )
     group.add_argument(
         '--joint',
@@ -51,28 +48,14 @@ def _add_servo(parser: argparse.ArgumentParser) -> None:
         metavar='NAME',
         help='joint to identify; repeatable; default: all commanded joints',
     )
-    add_stamp(group)
-    add_times(group)
     add_window(group, 'measurement')
 
 
 def _servo(args: argparse.Namespace) -> VerbResult:
     """Identify; exit status 0 good, 2 doubtful, 3 not identifiable."""
-    findings = times_findings(args.rate)
-    if not args.begin < args.end:
-        findings.append(f'--begin must be < --end, got {args.begin:g}')
-    columns = named_values('--column', args.column, 'JOINT.FIELD=COLUMN', str, findings)
-    ConfigError.raise_any('identify servo', findings)
-    channel = Channel(
-        topic=args.topic,
-        stamp=args.stamp,
-        time=args.time,
-        time_unit=args.time_unit,
-        rate=args.rate,
-        begin=args.begin,
-        end=args.end,
-    )
-    options = ServoOptions(channel, args.commanded, columns, args.joint or ())
+    require(window_findings(args))
+    channel = settings_of(Channel, args)
+    options = ServoOptions(channel, args.commanded, args.column, args.joint or ())
     document, found = identify_servos(args.path, options)
     return written_result(
         args.output,

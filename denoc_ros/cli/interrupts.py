@@ -8,11 +8,12 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from multiprocessing import resource_tracker
-from types import TracebackType
-from typing import Any, NoReturn
+from types import FrameType, TracebackType
+from typing import Any
 
 NUMBERS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 SOON = 0.02  # s
+COMPILER = ('llvmlite', 'numba')  # an exception within their work makes them crash
 
 
 class Interrupt(KeyboardInterrupt):
@@ -23,9 +24,27 @@ class Interrupt(KeyboardInterrupt):
     """
 
 
-def interrupt(_number: int, _frame: object) -> NoReturn:
-    """Handle a signal: raise Interrupt."""
-    raise Interrupt
+def interrupt(_number: int, frame: FrameType | None) -> None:
+    """Handle a signal: raise Interrupt, where kernels are loaded as soon as they are."""
+    if is_in_compiler(frame):
+        come_again(interrupt)
+    else:
+        raise Interrupt
+
+
+def is_in_compiler(frame: FrameType | None) -> bool:
+    """Say whether a frame is one of the compiler, or was called by one."""
+    while frame is not None:
+        if str(frame.f_globals.get('__name__')).partition('.')[0] in COMPILER:
+            return True
+        frame = frame.f_back
+    return False
+
+
+def come_again(handler: Callable[[int, FrameType | None], None]) -> None:
+    """Have a signal's handler called again soon, without a thread: a lock may be held."""
+    signal.signal(signal.SIGALRM, handler)
+    signal.setitimer(signal.ITIMER_REAL, SOON)
 
 
 def is_made_by_interrupt(error: BaseException) -> bool:
@@ -107,6 +126,7 @@ class Interrupts:
     ) -> None:
         """Give the signals back; an error that an interrupt made becomes the interrupt again."""
         sys.unraisablehook = self._hook
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
         for number, before in self._before.items():
             stays_deaf = self._raised and self._is_process
             signal.signal(number, signal.SIG_IGN if stays_deaf else before)
@@ -132,9 +152,11 @@ class Interrupts:
         if self._raised and not self._held:
             raise Interrupt
 
-    def _on_signal(self, _number: int, _frame: object) -> None:
+    def _on_signal(self, _number: int, frame: FrameType | None) -> None:
         if self._held:
             self._waits = True
+        elif is_in_compiler(frame):
+            come_again(self._on_signal)
         else:
             self._interrupt()
 
@@ -143,11 +165,7 @@ class Interrupts:
             self._hook(swallowed)
             return
         self._raised = False
-        # to the thread that waits: another one's signal would not end its wait
-        waiting = threading.get_ident()
-        again = threading.Timer(SOON, signal.pthread_kill, (waiting, signal.SIGINT))
-        again.daemon = True
-        again.start()
+        come_again(self._on_signal)
 
     def _interrupt(self) -> None:
         self._waits = False

@@ -12,11 +12,12 @@ import sys
 from collections.abc import Sequence
 from contextlib import nullcontext
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
+from denoc_ros.cli import end_at_once
 from denoc_ros.cli.interrupts import interrupt, is_made_by_interrupt, noted_interrupts
 from denoc_ros.cli.verbs import ACTIONS, BAD_INPUT, DEFAULT_ACTION, INTERRUPTED, STUDIES, VERBS
-from denoc_ros.errors import DenocError
+from denoc_ros.errors import ConfigError, DenocError
 
 LONGEST = 2000  # characters of a line of a message
 _MEMORY = 'memory must be enough for what was asked, got: {}'
@@ -28,7 +29,14 @@ _NO_MEMORY = (
 
 
 class Parser(argparse.ArgumentParser):
-    """An argument parser whose usage errors exit with status 1 (2 is a doubtful result)."""
+    """An argument parser whose usage errors exit with status 1 (2 is a doubtful result).
+
+    Its arguments have `findings`, to which options add what is wrong with their values.
+    """
+
+    def __init__(self, *args: Any, **more: Any) -> None:
+        super().__init__(*args, **more)
+        self.set_defaults(findings=[])
 
     def error(self, message: str) -> NoReturn:
         """Print the usage and the message on stderr and exit with status 1."""
@@ -69,7 +77,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         130 interrupted.
     """
     is_process = argv is None
-    if is_process and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+    if is_process and signal.getsignal(signal.SIGINT) in (signal.default_int_handler, end_at_once):
         signal.signal(signal.SIGINT, interrupt)
     arguments = list(sys.argv[1:] if argv is None else argv)
     try:
@@ -95,6 +103,7 @@ def _execute(arguments: list[str], is_process: bool) -> int:
         with noted_interrupts() if is_process else nullcontext():
             parser = build_parser(arguments)
         args = parser.parse_args(arguments)
+        ConfigError.raise_any('command line', args.findings)
         from denoc_ros.reports.provenance import command_line
 
         args.command, args.is_process = command_line(arguments), is_process

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import NamedTuple, Protocol
 
 from denoc_ros.errors import DenocError
+from denoc_ros.runtime.realtime import INSTALLED_ONLY
 
 LAST_LINES = 12  # of a dead process's output that the error shows
 # s: how long a process may take to answer each signal before the next, harder one
@@ -44,24 +45,12 @@ class ProcessError(DenocError):
 
 
 class Activity(NamedTuple):
-    """Activity of a process.
+    """Activity of a process."""
 
-    Attributes
-    ----------
-    stopped : bool
-        By SIGSTOP or a debugger.
-    runs : bool
-        Whether a thread runs or wants a processor; otherwise all wait for something.
-    cpu : float
-        Processor time that it has used [s].
-    delay : float
-        How long its threads have waited for a processor, all together [s].
-    """
-
-    stopped: bool
-    runs: bool
-    cpu: float
-    delay: float = 0.0
+    stopped: bool  # by SIGSTOP or a debugger
+    runs: bool  # whether a thread runs or wants a processor; otherwise all wait for something
+    cpu: float  # processor time that it has used [s]
+    delay: float = 0.0  # how long its threads have waited for a processor, all together [s]
 
 
 class Processes:
@@ -77,7 +66,12 @@ class Processes:
 
     def __init__(self, logs: Path, environment: Mapping[str, str]) -> None:
         self._logs = logs
-        self._environment = {**os.environ, **environment, 'PYTHONUNBUFFERED': '1'}
+        self._environment = {
+            **os.environ,
+            **environment,
+            **INSTALLED_ONLY,
+            'PYTHONUNBUFFERED': '1',
+        }
         self._running: dict[str, subprocess.Popen[bytes]] = {}
         self._ending: set[str] = set()
         self._hopeless: set[str] = set()
@@ -255,22 +249,12 @@ class Health:
 
     Time counts only while this process itself has its turns: on a machine that pauses, or that is
     too busy for the session, nobody can be heard.
-
-    Attributes
-    ----------
-    tasks : Tasks
-        The processes.
-    speaker : Speaker
-        What nodes say.
-    real_time : bool
-        Whether loops must meet their deadlines.
-    moves : bool
-        Whether a phase is on, in which loops that fall behind spoil what is measured.
     """
 
-    tasks: Tasks
-    speaker: Speaker
-    real_time: bool = True
+    tasks: Tasks  # the processes
+    speaker: Speaker  # what nodes say
+    real_time: bool = True  # whether loops must meet their deadlines
+    # whether a phase is on, in which loops that fall behind spoil what is measured
     moves: bool = False
     _watched: dict[str, _Watched] = field(default_factory=dict)
     _looked: float = -math.inf

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from denoc_ros.cli.arguments import add_json, add_output, given_file, named_values, require
+from denoc_ros.cli.arguments import add_json, add_output, add_pairs, given_file, require
 from denoc_ros.cli.verb_result import VerbResult
 from denoc_ros.cli.verbs import DOUBTFUL
 from denoc_ros.errors import ConfigError, ModelError
@@ -25,7 +25,6 @@ if TYPE_CHECKING:
 
 SURFACES = ('.stl', '.obj', '.ply', '.off', '.dae')
 UNIT_NAMES = ('m', 'cm', 'mm', 'in')
-PLACE = 'NAME=X,Y,Z'
 EXTRA = ('pytetwild', 'skfem', 'pymetis', 'meshio')  # packages that only this verb needs
 DESCRIPTION = (
     'Make a flexible link of a closed surface mesh (STL, OBJ, PLY, OFF, COLLADA), a volume mesh '
@@ -58,14 +57,10 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         '--damping', type=float, metavar='RATIO', help='damping ratio of each; default: 0.005'
     )
-    group.add_argument(
-        '--tip-mass', action='append', default=[], metavar='NAME=KG',
-        help='a mass at a frame that the modes are those of; repeatable',
-    )  # fmt: skip
-    group.add_argument(
-        '--gauge', action='append', default=[], metavar='NAME=X,Y,Z,DX,DY,DZ',
-        help='a strain gauge: place on the surface [m] and direction; repeatable',
-    )  # fmt: skip
+    text = 'a mass at a frame that the modes are those of'
+    add_pairs(group, '--tip-mass NAME=KG', text, float)
+    text = 'a strain gauge: place on the surface [m] and direction'
+    add_pairs(group, '--gauge NAME=X,Y,Z,DX,DY,DZ', text, _numbers(6))
     group.add_argument(
         '--quadratic', choices=('derivatives', 'line', 'none'), default='derivatives',
         help='second-order displacement: modal derivatives (default; matrices have none), '
@@ -78,10 +73,7 @@ def _add_frames(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         '--frames', metavar='URDF:LINK', help="frames of the link's joints, and its mass"
     )
-    group.add_argument(
-        '--frame', action='append', default=[], metavar=PLACE,
-        help='another frame at a place [m]; repeatable',
-    )  # fmt: skip
+    add_pairs(group, '--frame NAME=X,Y,Z', 'another frame at a place [m]', _numbers(3))
     group.add_argument(
         '--radius', action='append', default=[], metavar='[NAME=]R',
         help="radius of the rigid patch of a frame, root for the link frame's, or of all [m]; "
@@ -187,13 +179,18 @@ def _frames(args: argparse.Namespace, described: LinkDescription | None) -> Fram
 
     findings: list[str] = []
     outer = {} if described is None else dict(described.frames)
-    for name, place in named_values('--frame', args.frame, PLACE, _numbers(3), findings).items():
+    for name, place in args.frame.items():
         outer[name] = np.eye(4)
         outer[name][:3, 3] = place
     if not outer:
         findings.append('a frame besides the root must be given: --frames or --frame, got none')
-    texts = [text if '=' in text else f'*={text}' for text in args.radius]
-    radii = named_values('--radius', texts, 'R or NAME=R', float, findings)
+    radii = {}
+    for text in args.radius:
+        name, equals, size = text.rpartition('=')
+        try:
+            radii[name if equals else '*'] = float(size)
+        except ValueError:
+            findings.append(f'--radius must be R or NAME=R, got {text!r}')
     for name, radius in radii.items():
         if not 0.0 < radius < np.inf:
             findings.append(f'--radius must be > 0 m, got {radius:g}')
@@ -225,23 +222,20 @@ def _wishes(args: argparse.Namespace, frames: Frames) -> Any:
     from denoc_ros.reduction.link import Wishes
 
     findings: list[str] = []
-    masses = named_values('--tip-mass', args.tip_mass, 'NAME=KG', float, findings)
-    for name, mass in masses.items():
+    for name, mass in args.tip_mass.items():
         if name not in frames.outer:
             findings.append(f'--tip-mass must name {", ".join(frames.outer)}, got {name!r}')
         if not 0.0 <= mass < float('inf'):
             findings.append(f'--tip-mass must be >= 0 kg, got {mass:g}')
-    form = 'NAME=X,Y,Z,DX,DY,DZ'
-    gauges = named_values('--gauge', args.gauge, form, _numbers(6), findings)
-    for name, values in gauges.items():
+    for name, values in args.gauge.items():
         if not values[3:].any():
             findings.append(f'--gauge {name} must have a direction that is not zero')
     require(findings)
     given = {} if args.damping is None else {'damping_ratio': args.damping}
     return Wishes(
         modes=args.modes,
-        tip_mass=masses,
-        gauges={name: (values[:3], values[3:]) for name, values in gauges.items()},
+        tip_mass=args.tip_mass,
+        gauges={name: (values[:3], values[3:]) for name, values in args.gauge.items()},
         quadratic=args.quadratic,
         **given,
     )

@@ -18,16 +18,17 @@ from denoc_ros.cli.arguments import (
     add_numbers,
     add_output,
     add_overrides,
+    add_pairs,
     add_repeated,
     add_setting,
     add_stamp,
     add_times,
-    named_values,
     number_range,
-    overrides_of,
+    overridden,
     require,
-    times_findings,
+    settings_of,
     unused,
+    window_findings,
 )
 from denoc_ros.cli.progress import share_bar
 from denoc_ros.cli.verb_result import VerbResult
@@ -94,13 +95,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def _add_table(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group('tables')
-    group.add_argument(
-        '--column',
-        action='append',
-        default=[],
-        metavar='JOINT.FIELD=COLUMN',
-        help="column of a joint's position, velocity or effort; repeatable",
-    )
+    text = "column of a joint's position, velocity or effort"
+    add_pairs(group, '--column JOINT.FIELD=COLUMN', text)
     add_times(group)
 
 
@@ -127,13 +123,8 @@ def _add_ways(parser: argparse.ArgumentParser) -> None:
             'of the robot floats)'
         ),
     )
-    parser.add_argument(
-        '--rename',
-        action='append',
-        default=[],
-        metavar='OLD=NEW',
-        help='beginning of joint names in the bag, and its replacement in the robot; repeatable',
-    )
+    text = 'beginning of joint names in the bag, and its replacement in the robot'
+    add_pairs(parser, '--rename OLD=NEW', text)
     parser.add_argument(
         '--derivative',
         choices=('filter', 'kalman'),
@@ -158,28 +149,16 @@ def _add_adaptation(parser: argparse.ArgumentParser) -> None:
             'number of the model that is tracked over time: payload.tool.mass, beam.*.ei; '
             'repeatable',
         ),
-        (
-            '--adapt-bounds PATH=LOW:HIGH',
-            'its bounds (default: half to one and a half of its value); repeatable',
-        ),
     )
+    text = 'its bounds (default: half to one and a half of its value)'
+    add_pairs(group, '--adapt-bounds PATH=LOW:HIGH', text, number_range)
     for row in TRACKER.rows():
         add_setting(group, row)
 
 
 def run(args: argparse.Namespace) -> VerbResult:
     """Recompute a run, write bag and page; exit status 2 where the numbers are doubtful."""
-    settings = ReplaySettings(
-        topic=args.topic,
-        joints=tuple(args.joint),
-        effort=args.effort,
-        base=args.base,
-        rename=_renames(args.rename),
-        derivative=args.derivative,
-        cutoff=args.cutoff,
-        stamp=args.stamp,
-        fit_friction=args.fit_friction,
-    )
+    settings = settings_of(ReplaySettings, args, joints=tuple(args.joint))
     adapt = _adapt_settings(args)
     bag = find_bag(args.bag)
     output = args.output or _default_output(args.bag, bag)
@@ -208,17 +187,15 @@ def run(args: argparse.Namespace) -> VerbResult:
 @contextmanager
 def _as_bag(args: argparse.Namespace, path: Path, robot: Robot) -> Iterator[Path]:
     """Yield the bag to be read: the one that was given, or one made of a table for now."""
-    findings: list[str] = []
-    columns = named_values('--column', args.column, 'JOINT.FIELD=COLUMN', str, findings)
-    require(findings + times_findings(args.rate))
+    require(window_findings(args))
     if not is_table(path):
-        if columns:
+        if args.column:
             raise BagError(f'{path}: --column must come with a table, got a bag')
         yield path
         return
-    times = TableTimes(args.time, args.time_unit, args.rate)
+    times = settings_of(TableTimes, args)
     with TemporaryDirectory(prefix='denoc-') as folder:
-        yield bag_of_table(path, robot.joint_names, Path(folder, 'table.mcap'), columns, times)
+        yield bag_of_table(path, robot.joint_names, Path(folder, 'table.mcap'), args.column, times)
 
 
 def _robot_name(args: argparse.Namespace) -> str:
@@ -229,29 +206,16 @@ def _default_output(run: Path, bag: Path) -> Path:
     return Path(f'{recording_name(run)}_replay') if run == bag else run / 'replay'
 
 
-def _renames(texts: list[str]) -> dict[str, str]:
-    findings: list[str] = []
-    names = named_values('--rename', texts, 'OLD=NEW', str, findings)
-    require(findings)
-    return names
-
-
 def _adapt_settings(args: argparse.Namespace) -> AdaptSettings:
-    findings: list[str] = []
-    bounds = named_values(
-        '--adapt-bounds', args.adapt_bounds, 'PATH=LOW:HIGH', number_range, findings
-    )
     given = {field: getattr(args, name) for field, name in TRACKER.names.items()}
     given = {field: value for field, value in given.items() if value is not None}
-    if (bounds or given) and not args.adapt:
-        findings.append('--adapt must name what is tracked where its settings are given, got none')
-    require(findings)
-    return AdaptSettings(tuple(args.adapt), bounds, TrackerSettings(**given))
+    if (args.adapt_bounds or given) and not args.adapt:
+        require(['--adapt must name what is tracked where its settings are given, got none'])
+    return AdaptSettings(tuple(args.adapt), args.adapt_bounds, TrackerSettings(**given))
 
 
 def _robot(args: argparse.Namespace, bag: Path, session: dict[str, Any]) -> Robot:
     """Load the named robot, or the recorded one, with the wanted changes."""
-    overrides = overrides_of(args.set, args.payload)
     source = robot_source(bag, args.robot)
     robot = load_robot(source, gravity=args.gravity or session.get('gravity', EARTH))
-    return robot.with_overrides(overrides) if overrides else robot
+    return overridden(robot, args)

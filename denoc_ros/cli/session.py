@@ -65,26 +65,13 @@ ENGAGING = 5.0  # s until it has gains for a motion and trusts its estimate
 
 @dataclass(frozen=True)
 class Task:
-    """The task of a session: follow a trajectory, phase by phase, or play a bag.
+    """The task of a session: follow a trajectory, phase by phase, or play a bag."""
 
-    Attributes
-    ----------
-    trajectory : Trajectory or None
-        None: the reference comes from elsewhere, phases just last.
-    joints : list of str
-        The trajectory's.
-    duration : float
-        Of each phase [s].
-    bag : Path or None
-        Joint states to play instead of running a plant.
-    plans : mapping of str to Plan
-        What the joints do instead of the trajectory in phases that shape it.
-    """
-
-    trajectory: Trajectory | None
-    joints: list[str]
-    duration: float
-    bag: Path | None = None
+    trajectory: Trajectory | None  # None: the reference comes from elsewhere, phases just last
+    joints: list[str]  # the trajectory's
+    duration: float  # of each phase [s]
+    bag: Path | None = None  # Joint states to play instead of running a plant
+    # what the joints do instead of the trajectory in phases that shape it
     plans: Mapping[str, Plan] = field(default_factory=dict)
 
 

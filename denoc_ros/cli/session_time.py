@@ -141,30 +141,16 @@ class SimulatedTime(SessionTime):
 
 @dataclass(frozen=True)
 class Rehearsal:
-    """The cost of a session in real time.
+    """The cost of a session in real time."""
 
-    Attributes
-    ----------
-    rates : mapping of str to float
-        Rate of each loop [Hz].
-    used, idle : float
-        Cores that the nodes took, and that nobody took.
-    cores : int
-        That the session may use.
-    late : float
-        Largest share of its deadlines that a loop missed by more than half a period.
-    lost : int
-        Messages that the recorder lost.
-    fixed : frozenset of str
-        Loops whose rates the configuration says: gains and plans may need them.
-    """
-
-    rates: Mapping[str, float]
+    rates: Mapping[str, float]  # rate of each loop [Hz]
+    # cores that the nodes took, and that nobody took
     used: float
     idle: float
-    cores: int
-    late: float
-    lost: int
+    cores: int  # that the session may use
+    late: float  # largest share of its deadlines that a loop missed by more than half a period
+    lost: int  # messages that the recorder lost
+    # loops whose rates the configuration says: gains and plans may need them
     fixed: frozenset[str] = frozenset()
 
     def at(self, rate: float) -> dict[str, float]:
@@ -189,19 +175,10 @@ class Rehearsal:
 
 @dataclass(frozen=True)
 class Choice:
-    """The time that a session gets.
+    """The time that a session gets."""
 
-    Attributes
-    ----------
-    mode : str
-        `real` or `simulated`.
-    rates : mapping of str to float
-        Rate of each loop [Hz].
-    why : str
-    """
-
-    mode: str
-    rates: Mapping[str, float]
+    mode: str  # `real` or `simulated`
+    rates: Mapping[str, float]  # rate of each loop [Hz]
     why: str
 
 

@@ -16,8 +16,8 @@ from denoc_ros.cli.arguments import (
     add_numbers,
     add_output,
     add_overrides,
+    add_pairs,
     given_file,
-    named_values,
     overrides_of,
     require,
 )
@@ -131,12 +131,11 @@ def _add_limits(parser: argparse.ArgumentParser) -> None:
         '--joint-limits', metavar='FILE', help="joint_limits.yaml, as MoveIt's configurations have"
     )
     for name, (whose, unit) in LIMITS.items():
-        group.add_argument(
-            f'--{name.replace("_", "-")}',
-            action='append',
-            default=[],
-            metavar=f'{whose.upper()}=VALUE',
-            help=f'largest {name.replace("_", " ")} of a {whose} [{unit}]; repeatable',
+        add_pairs(
+            group,
+            f'--{name.replace("_", "-")} {whose.upper()}=VALUE',
+            f'largest {name.replace("_", " ")} of a {whose} [{unit}]',
+            float,
         )
     for name, unit in NUMBERS_OF_ALL.items():
         group.add_argument(
@@ -148,6 +147,12 @@ def _add_limits(parser: argparse.ArgumentParser) -> None:
     add_numbers(
         group,
         ('--margin SHARE', None, 'share of every limit but positions that is kept free'),
+        (
+            '--uncertainty SHARE',
+            None,
+            "share by which the links' stiffness and the load may be off: says how much of each "
+            'limit would then be used',
+        ),
     )
 
 
@@ -183,7 +188,7 @@ def run(args: argparse.Namespace) -> VerbResult:
     times, joints = read_motion(values, motion_file, robot.joint_names)
     tip = args.tip or values.get('tip')
     with share_bar(args.json) as bar:
-        if args.method == 'tip':
+        if args.method in FASTEST:
             options['progress'] = lambda share: bar.update(share - bar.n)
         plan = shape_motion(robot, times, joints, args.method, tip, base=args.base, **options)
     write_plan(plan, args.output, args.interval)
@@ -214,19 +219,15 @@ def _findings(args: argparse.Namespace) -> list[str]:
 
 def _options(args: argparse.Namespace, values: Mapping[str, Any]) -> dict[str, Any]:
     """Arguments of shape_motion beside motion, method and tip."""
-    findings: list[str] = []
     options: dict[str, Any] = {}
     if args.joint_limits:
         options.update(read_joint_limits(given_file(args.joint_limits, 'joint limits')))
-    for name, (whose, _) in LIMITS.items():
-        if texts := getattr(args, name):
-            option, form = f'--{name.replace("_", "-")}', f'{whose.upper()}=VALUE'
-            given = named_values(option, texts, form, float, findings)
+    for name in LIMITS:
+        if given := getattr(args, name):
             options[name] = {**options.get(name, {}), **given}
-    require(findings)
     if args.fastest:
         options['time'] = 'minimum'
-    for name in (*NUMBERS, *OTHERS, *NUMBERS_OF_ALL, 'margin'):
+    for name in (*NUMBERS, *OTHERS, *NUMBERS_OF_ALL, 'margin', 'uncertainty'):
         if getattr(args, name) is not None:
             options[name] = getattr(args, name)
     if args.mode_table is not None:
@@ -303,7 +304,8 @@ def _of_limits(plan: Plan) -> dict[str, Any]:
     if use is None:
         return {}
     gains = {name: gain for name, gain in use.gains.items() if gain >= LEAST_GAIN}
-    return {'limit_shares': use.largest, 'gains': gains, 'settled': use.settled}
+    spread = {'limit_spread': dict(use.spread)} if use.spread else {}
+    return {'limit_shares': use.largest, 'gains': gains, 'settled': use.settled, **spread}
 
 
 def _of_base(plan: Plan) -> dict[str, Any]:
@@ -360,6 +362,9 @@ def _lines(summary: Mapping[str, Any]) -> Iterator[str]:
         yield f'  {summary["stretch"]:.4g} times slower, to keep the limits'
     if summary['delay_s'] > 0.0:
         yield f'  {summary["delay_s"]:.4g} s later than asked for'
+    for name, share in summary.get('limit_spread', {}).items():
+        if share > 1.0:
+            yield f'  with other stiffness and load: {share:.3g} times the limit of {name}'
     yield (
         f'  tip off what was asked: {engineering(summary["tip_error_m"], "m")} while moving, '
         f'{engineering(summary["tip_error_after_m"], "m")} before and after'

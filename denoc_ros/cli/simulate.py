@@ -15,11 +15,9 @@ from tqdm import tqdm
 from denoc_ros.cli.arguments import (
     add_json,
     add_output,
-    add_repeated,
+    add_pairs,
     given_file,
-    named_values,
     number_range,
-    require,
 )
 from denoc_ros.cli.batch import (
     FAILURE,
@@ -153,7 +151,7 @@ def summarize(robot: Robot, result: Run) -> dict[str, Any]:
 
 def run_varied(args: argparse.Namespace) -> VerbResult:
     """Run `denoc simulate` with --vary; exit status 1 when no run came to its end."""
-    ranges = read_ranges(args.vary)
+    ranges = args.vary
     if args.runs < 1:
         raise ConfigError('--runs', [f'it must be >= 1, got {args.runs}'])
     robot, _, text = load(args.robot, args.scenario)
@@ -243,15 +241,6 @@ def columns_of(robot: Any, ranges: Ranges) -> dict[str, type]:
     return dict.fromkeys(names, float)
 
 
-def read_ranges(settings: Sequence[str]) -> dict[str, tuple[float, float]]:
-    """Return PATH=LOW:HIGH as ranges by path; ConfigError with every finding."""
-    findings: list[str] = []
-    form = 'PATH=LOW:HIGH with LOW <= HIGH'
-    ranges = named_values('--vary', settings, form, number_range, findings)
-    require(findings)
-    return ranges
-
-
 def summarize_rows(rows: Sequence[Row], ranges: Ranges) -> dict[str, Any]:
     """Return how many runs ended well, and of each of their numbers the mean and spread."""
     good = [row for row in rows if not row[FAILURE]]
@@ -303,13 +292,12 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         help='remove faster motion, such as rounding errors, from the points of the scenario',
     )
     varied = parser.add_argument_group('many runs, with the model varied')
-    add_repeated(
+    add_pairs(
         varied,
-        (
-            '--vary PATH=LOW:HIGH',
-            'draw a value of the model from a uniform distribution '
-            '(beam.LINK.y.ei=8e4:1.2e5); repeatable',
-        ),
+        '--vary PATH=LOW:HIGH',
+        'draw a value of the model from a uniform distribution (beam.LINK.y.ei=8e4:1.2e5)',
+        number_range,
+        form='PATH=LOW:HIGH with LOW <= HIGH',
     )
     varied.add_argument(
         '--runs', metavar='N', type=int, default=100, help='number of runs; default: 100'

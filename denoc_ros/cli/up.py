@@ -31,6 +31,7 @@ from denoc_ros.model.mjcf import SEGMENTS
 from denoc_ros.model.plant_description import description_in_words
 from denoc_ros.reports.provenance import versions
 from denoc_ros.simulation.reference import trajectory_from_config
+from denoc_ros.viewer.outline import tell_missing_meshes
 
 if TYPE_CHECKING:  # an optional extra
     from denoc_ros.nodes.session_client import SessionClient
@@ -55,21 +56,11 @@ DESCRIPTION = (
 
 @dataclasses.dataclass(frozen=True)
 class SessionRun:
-    """A session that has run.
+    """A session that has run."""
 
-    Attributes
-    ----------
-    folder : Path
-        Its directory.
-    summary : dict
-        As in its summary.json; without a recording just what it was.
-    error : exception or None
-        Why it ended before its end.
-    """
-
-    folder: Path
-    summary: dict[str, Any]
-    error: BaseException | None = None
+    folder: Path  # its directory
+    summary: dict[str, Any]  # as in its summary.json; without a recording just what it was
+    error: BaseException | None = None  # why it ended before its end
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -200,6 +191,7 @@ def bring_up(
             robot.with_overrides(overrides)
         task = _task(config, robot, bag)
         config = _started_on_the_reference(config, task)
+    tell_missing_meshes(robot, config.robot.parent)
     config, task = _shaped(config, robot, task, progress)
     folder = new_folder(output)
     environment = {

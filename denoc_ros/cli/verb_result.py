@@ -13,24 +13,13 @@ from denoc_ros.output_files import plain
 
 @dataclass(frozen=True)
 class VerbResult:
-    """Result of a verb, ready to be shown.
+    """Result of a verb, ready to be shown."""
 
-    Attributes
-    ----------
-    document : mapping or None
-        As `--json` prints it; numbers that are not finite become null. None: there is nothing.
-    lines : iterable of str
-        The same for a terminal.
-    status : int
-        Exit status.
-    notes : iterable of str
-        Lines on stderr, whatever is printed.
-    """
-
+    # as `--json` prints it; numbers that are not finite become null. None: there is nothing.
     document: Mapping[str, Any] | None
-    lines: Iterable[str]
-    status: int = 0
-    notes: Iterable[str] = ()
+    lines: Iterable[str]  # the same for a terminal
+    status: int = 0  # exit status
+    notes: Iterable[str] = ()  # lines on stderr, whatever is printed
 
     def show(self, as_json: bool) -> int:
         """Print it and return the exit status."""

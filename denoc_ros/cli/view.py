@@ -44,21 +44,12 @@ DESCRIPTION = (
 
 @dataclass(frozen=True)
 class OpenedRun:
-    """A run and its robot.
-
-    Attributes
-    ----------
-    run : RecordedRun
-    robot : Robot
-    title : str
-        The robot's name and the run's.
-    folder : Path or None
-        Where relative names of the robot's mesh files start, where it came from a file.
-    """
+    """A run and its robot."""
 
     run: RecordedRun
     robot: Robot
-    title: str
+    title: str  # the robot's name and the run's
+    # where relative names of the robot's mesh files start, where it came from a file
     folder: Path | None
 
 

@@ -24,6 +24,7 @@ from denoc_ros.kernels.cache import cache_folder, is_kept
 from denoc_ros.kernels.compiled import DECLARED, ready
 from denoc_ros.model.tree import Tree
 from denoc_ros.model.urdf import load_tree
+from denoc_ros.runtime.realtime import INSTALLED_ONLY
 
 ORDERS = ('first', 'last')  # from which end of the list a process begins
 # s of a processor, on the machine of docs/rates.md
@@ -145,6 +146,7 @@ def compile_all(wanted: Sequence[Any], watch: Callable[[], None] = lambda: None)
             stdout=subprocess.DEVNULL,
             stderr=subprocess.PIPE,
             text=True,
+            env={**os.environ, **INSTALLED_ONLY},
         )
         for order in ORDERS
     ]

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy.linalg
 
+from denoc_ros.control.limit_rows import Moments
 from denoc_ros.control.ringing import ringing_modes
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.stepper import Stepper
@@ -19,6 +20,24 @@ class Driven(NamedTuple):
     q: Array
     qd: Array
     qdd_joints: Array
+
+
+class MotionChange(NamedTuple):
+    """Derivatives of a motion by p parameters, at the same shares of its duration.
+
+    Attributes
+    ----------
+    error : (m, p) array
+        Of what rings at the end.
+    states : (k, 2 free, p) array
+        Of the free coordinates and their rates at all steps.
+    moments : Moments
+        Of all coordinates and of the torques of all joints, where they were asked for.
+    """
+
+    error: Array
+    states: Array
+    moments: Moments
 
 
 def follow_joints(stepper: Stepper, start: Array, q: Array, qd: Array, between: Array) -> Driven:
@@ -46,8 +65,6 @@ class EndSwing:
         Its workspace is used.
     start, end : (joints,) arrays
         Postures [rad, m]; the motion begins in static equilibrium.
-    step : float
-        s of the fixed steps.
     modes : int, optional
         How many, from the lowest; default as :func:`ringing_modes` chooses.
 
@@ -57,11 +74,8 @@ class EndSwing:
         Numbers that :meth:`error` has: two for each mode.
     """
 
-    def __init__(
-        self, robot: Robot, start: Array, end: Array, step: float, modes: int | None = None
-    ) -> None:
+    def __init__(self, robot: Robot, start: Array, end: Array, modes: int | None = None) -> None:
         self.robot = robot
-        self.step = step
         chosen = len(ringing_modes(robot, end, modes).frequencies)
         self._rest = robot.static_deflection(start)
         self._goal = robot.static_deflection(end)
@@ -75,19 +89,22 @@ class EndSwing:
         rows = natural.shapes[free, ringing].T @ inertia
         omega = 2.0 * np.pi * natural.frequencies[ringing]
         self._observe = scipy.linalg.block_diag(omega[:, None] * rows, rows)
-        self._stepper = Stepper(robot, step)
+        self._stepper = Stepper(robot, 1.0)
         self.count = 2 * chosen
 
-    def run(self, q: Array, qd: Array, between: Array) -> Driven:
+    def run(self, step: float, q: Array, qd: Array, between: Array) -> Driven:
         """Return the motion of all coordinates, in steps.
 
         Parameters
         ----------
+        step : float
+            s.
         q, qd : (k, joints) arrays
             Of the joints, at the ends of steps.
         between : (k - 1, joints) array
             Their accelerations in the middle of steps.
         """
+        self._stepper.step = step
         return follow_joints(self._stepper, self._rest, q, qd, between)
 
     def error(self, motion: Driven) -> Array:
@@ -96,24 +113,30 @@ class EndSwing:
         off = (motion.q[-1] - self._goal)[flexible]
         return np.asarray(self._observe @ np.concatenate((off, motion.qd[-1][flexible])))
 
-    def sensitivity(
-        self, motion: Driven, qdd: Array, designs: tuple[Array, Array, Array]
-    ) -> tuple[Array, Array]:
-        """Return how `error` and the joints' torques change with the joints' coefficients.
+    def change(
+        self,
+        step: float,
+        motion: Driven,
+        qdd: Array,
+        drives: tuple[Array, ...],
+        stretch: Array,
+        every: int | None,
+    ) -> MotionChange:
+        """Return the derivatives of a motion.
 
         Parameters
         ----------
+        step : float
+            s.
         motion : Driven
         qdd : (k, joints) array
             Accelerations of the joints at the ends of steps.
-        designs : three (k, free) arrays
-            How positions, rates and accelerations change with a joint's coefficients.
-
-        Returns
-        -------
-        error : (count, joints * free) array
-            Joint by joint.
-        torque : (k, joints, joints * free) array
+        drives : three (k, joints, p) arrays
+            How positions, rates and accelerations of the joints change.
+        stretch : (p,) array
+            By which share steps become longer.
+        every : int or None
+            Steps between moments; None: none.
 
         Notes
         -----
@@ -122,33 +145,33 @@ class EndSwing:
         robot = self.robot
         joints, free = robot.joint_indices, robot.free_indices
         of = robot.hybrid_dynamics_derivatives(motion.q, motion.qd, qdd)
-        m, k = len(free), len(motion.q)
+        _, own = robot.hybrid_dynamics(motion.q, motion.qd, qdd)
+        m, k, p = len(free), len(motion.q), len(stretch)
         system = np.zeros((k, 2 * m, 2 * m))
         system[:, :m, m:] = np.eye(m)
         system[:, m:, :m] = of.dqdd_dq[:, :, free]
         system[:, m:, m:] = of.dqdd_dqd[:, :, free]
-        steps = scipy.linalg.expm(0.5 * self.step * (system[1:] + system[:-1]))
-        drives = of.dqdd_dq[:, :, joints], of.dqdd_dqd[:, :, joints], of.dqdd_dqdd
-        half = 0.5 * self.step * _driven_by(drives, designs)
-        states = np.zeros((k, 2 * m, half.shape[2]))
+        steps = scipy.linalg.expm(0.5 * step * (system[1:] + system[:-1]))
+        gains = of.dqdd_dq[:, :, joints], of.dqdd_dqd[:, :, joints], of.dqdd_dqdd
+        driven = gains[0] @ drives[0] + gains[1] @ drives[1] + gains[2] @ drives[2]
+        half = np.zeros((k, 2 * m, p))
+        half[:, :m] = motion.qd[:, free, None] * stretch
+        half[:, m:] = driven + own[:, :, None] * stretch
+        half *= 0.5 * step
+        states = np.zeros((k, 2 * m, p))
         for node in range(k - 1):
-            states[node + 1, :m] = states[node, :m]
-            states[node + 1, m:] = states[node, m:] + half[node]
-            states[node + 1] = steps[node] @ states[node + 1]
-            states[node + 1, m:] += half[node + 1]
-        forces = of.dtau_dq[:, :, joints], of.dtau_dqd[:, :, joints], of.dtau_dqdd
-        torque = _driven_by(forces, designs)
-        torque += of.dtau_dq[:, :, free] @ states[:, :m]
-        torque += of.dtau_dqd[:, :, free] @ states[:, m:]
+            states[node + 1] = steps[node] @ (states[node] + half[node]) + half[node + 1]
         bends = np.isin(free, robot.flexible_indices)
-        return np.asarray(self._observe @ states[-1][np.tile(bends, 2)]), torque
-
-
-def _driven_by(gains: tuple[Array, Array, Array], designs: tuple[Array, Array, Array]) -> Array:
-    """Derivatives by coefficients (k, rows, joints * free), from those by the joints' motion."""
-    parts = [
-        gain[:, :, :, None] * design[:, None, None, :]
-        for gain, design in zip(gains, designs, strict=True)
-    ]
-    total = parts[0] + parts[1] + parts[2]
-    return np.asarray(total.reshape(*total.shape[:2], -1))
+        error = np.asarray(self._observe @ states[-1][np.tile(bends, 2)])
+        at = slice(None, None, every) if every else slice(0, 0)
+        moved = [np.zeros((len(motion.q[at]), robot.n, p)) for _ in range(3)]
+        for change, drive in zip(moved, drives, strict=True):
+            change[:, joints] = drive[at]
+        place, rate = states[at, :m], states[at, m:]
+        moved[0][:, free], moved[1][:, free] = place, rate
+        moved[2][:, free] = driven[at]
+        moved[2][:, free] += of.dqdd_dq[at][:, :, free] @ place
+        moved[2][:, free] += of.dqdd_dqd[at][:, :, free] @ rate
+        torque = of.dtau_dq[at] @ moved[0] + of.dtau_dqd[at] @ moved[1]
+        torque += of.dtau_dqdd[at] @ moved[2][:, joints]
+        return MotionChange(error, states, Moments(moved[0], moved[1], moved[2], torque))

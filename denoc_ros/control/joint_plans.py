@@ -8,31 +8,34 @@ from pathlib import Path
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.interpolate import make_interp_spline
 
 from denoc_ros.control.asked_motion import AskedMotion
 from denoc_ros.control.driven_joints import DrivenJoints
 from denoc_ros.control.end_swing import follow_joints
-from denoc_ros.control.joint_limits import WITHIN, JointLimits, require_limits
+from denoc_ros.control.grid import GridMotion
+from denoc_ros.control.joint_limits import JointLimits, require_limits
 from denoc_ros.control.limit_rows import LimitOptions, LimitRows
-from denoc_ros.control.minimum_time import NEAR
 from denoc_ros.control.mode_table import ModeTable, read_mode_table
 from denoc_ros.control.plan import Plan
 from denoc_ros.control.reaction import require_attitude
-from denoc_ros.control.rest_to_rest import rest_to_rest
+from denoc_ros.control.rest_to_rest import RestMotion, Waypoints, rest_search, with_stiffness
 from denoc_ros.control.ringing import ringing_modes
 from denoc_ros.control.shaped_samples import shape_samples
 from denoc_ros.control.targets import Target
 from denoc_ros.control.tip_options import require_time
+from denoc_ros.control.tip_solver import CancelledError
 from denoc_ros.dynamics.floating_base import ATTITUDE
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.stepper import Stepper
-from denoc_ros.errors import SolverError, StateError
+from denoc_ros.errors import StateError
 from denoc_ros.types import Array
 
 OUTPUT = 0.004  # s between rows of a plan
-SLOWER = 12  # times that the shortest motion is made slower until it keeps all limits
-ROUNDING = 0.005  # of a limit: what the search for a duration may be beyond
+ROBUSTNESS = 0.1  # of a motion in a given time
+DRAWS = 24  # of robots with other stiffness and load
+STEPS = 400  # of a simulated motion, at least
 STEPS_PER_PERIOD = 60.0  # of the fastest mode that is shaped
 
 
@@ -83,15 +86,25 @@ class RestOptions(ShaperOptions):
     ----------
     duration : float, optional
         s; default that of the motion that was asked for; 0: the shortest within the limits.
-    robustness : float
-        Share by which the modes' frequencies may be off.
+    robustness : float, optional
+        Share by which the modes' frequencies may be off; default 0.1, in minimum time 0.
     time : str
-        ``minimum``: the shortest within all limits, as `duration` 0 within those of the joints.
+        ``minimum``: the shortest within all limits, as `duration` 0.
+    waypoints : (w, driven joints) array, optional
+        Postures that the first of the tips passes in this order, within `radius` of where the
+        undeformed robot's is there.
+    radius : float, optional
+        Of the waypoints [m].
+    progress : callable, optional
+        Takes the share of the work that is done, 0 to 1.
     """
 
     duration: float | None = None
-    robustness: float = 0.1
+    robustness: float | None = None
     time: str = 'asked'
+    waypoints: ArrayLike | None = None
+    radius: float | None = None
+    progress: Callable[[float], object] | None = None
 
     def __post_init__(self) -> None:
         require_time(self.time)
@@ -120,6 +133,7 @@ def shaper_motion(
         return np.asarray(spline(np.clip(at, begin, end), derivative), dtype=np.float64)
 
     plan = _plan(method, robot, motion, (begin, end), options, table)
+    require_limits(robot, plan, _limits(robot, options), '; make the motion slower')
     return _with_tip(robot, plan, times, q_joints, frames, delay, 0.5 * delay)
 
 
@@ -138,53 +152,74 @@ def rest_motion(
         raise StateError(
             "shape_motion: mode_table must be for 'zv', 'zvd' or 'ei', got 'rest_to_rest'"
         )
-    limits = options.limits(robot)
-    duration = float(times[-1] - times[0]) if options.duration is None else options.duration
-    fastest = options.time == 'minimum'
-    if fastest:
-        duration = 0.0
-        limits = replace(limits, joints=limits.joints.scaled(1.0 - ROUNDING))
+    limits, fastest = options.limits(robot), options.time == 'minimum'
+    asked = float(times[-1] - times[0]) if options.duration is None else float(options.duration)
+    if not asked >= 0.0 or not np.isfinite(asked):
+        raise StateError(f'shape_motion: duration must be >= 0 s, got {options.duration!r}')
+    robustness = options.robustness
+    if robustness is None:
+        robustness = 0.0 if fastest else ROBUSTNESS
+    search = rest_search(
+        robot,
+        (q_joints[0], q_joints[-1]),
+        limits,
+        frames,
+        options.modes,
+        robustness,
+        _waypoints(robot, frames, options),
+        # in minimum time the best so far is returned
+        (lambda: None) if fastest else _check(options),
+    )
     start = float(times[0])
 
-    def planned(seconds: float) -> Plan:
-        found = rest_to_rest(
-            robot,
-            q_joints[0],
-            q_joints[-1],
-            seconds or None,
-            limits.joints,
-            modes=options.modes,
-            robustness=options.robustness,
-            check=_check(options),
+    def plan(motion: RestMotion) -> Plan:
+        def rows(at: Array, derivative: int = 0) -> Array:
+            return motion.joints(at - start, derivative)
+
+        return _plan('rest_to_rest', robot, rows, (start, start + motion.duration), options)
+
+    stopped = options.cancel if fastest and options.cancel is not None else (lambda: False)
+    progress = options.progress or (lambda _share: None)
+    found = search.plan(None if fastest else asked or None, plan, progress, stopped)
+    late = max(0.0, float(found.t[-1] - times[-1]))
+    stretch = float(found.t[-1] - found.t[0]) / float(times[-1] - times[0]) if fastest else 1.0
+    found = replace(found, stretch=stretch)
+    return _with_tip(robot, found, times, q_joints, frames, late)
+
+
+def _waypoints(robot: Robot, frames: tuple[str, ...], options: RestOptions) -> Waypoints | None:
+    """Return the waypoints of the options after a check."""
+    if options.waypoints is None:
+        return None
+    driven = DrivenJoints(robot, 'rest to rest')
+    try:
+        postures = np.array(options.waypoints, dtype=np.float64)
+    except ValueError:
+        postures = np.zeros(0)
+    if postures.ndim != 2 or not len(postures) or postures.shape[1] != len(driven.names):
+        raise StateError(
+            f'shape_motion: waypoints must be rows of {len(driven.names)} numbers (driven joints '
+            f'{list(driven.names)}), got shape {np.shape(options.waypoints)}'
         )
-
-        def motion(at: Array, derivative: int = 0) -> Array:
-            return found.joints(at - start, derivative)
-
-        return _plan('rest_to_rest', robot, motion, (start, start + found.duration), options)
-
-    rows = LimitRows(robot, robot.indices(DrivenJoints(robot, 'limits').names), frames, limits)
-    plan = planned(duration)
-    for _ in range(SLOWER if fastest else 1):
-        use = rows.use(plan)
-        beyond = float(use.shares.max(initial=0.0))
-        if beyond <= (1.0 + NEAR if fastest else 1.0 + WITHIN):
-            late = max(0.0, float(plan.t[-1] - times[-1]))
-            plan = replace(plan, limits=use)
-            return _with_tip(robot, plan, times, q_joints, frames, late)
-        if fastest:
-            plan = planned(float(plan.t[-1] - plan.t[0]) * max(beyond**0.5, 1.005))
-    name = rows.names[int(use.shares.max(axis=0).argmax())]
-    raise SolverError(
-        f'{robot.tree.name}: rest to rest must keep its limit of {name}, got {beyond:.4g} times '
-        f'that in {float(plan.t[-1] - plan.t[0]):.4g} s'
-    )
+    if not np.isfinite(postures).all():
+        raise StateError(f'shape_motion: waypoints must be finite, got {postures.tolist()}')
+    radius = options.radius
+    if not (isinstance(radius, int | float) and np.isfinite(radius) and radius > 0.0):
+        raise StateError(f'shape_motion: radius of waypoints must be > 0 m, got {radius!r}')
+    limits = options.limits(robot).joints.of(driven.places)
+    for k, posture in enumerate(postures):
+        if (posture < limits.lower).any() or (posture > limits.upper).any():
+            raise StateError(
+                f'shape_motion: waypoint {k + 1} must be within {limits.lower.tolist()} to '
+                f'{limits.upper.tolist()}, got {posture.tolist()}'
+            )
+    return Waypoints(frames[0], postures, float(radius))
 
 
 def _check(options: ShaperOptions) -> Callable[[], None]:
     def check() -> None:
         if options.cancel is not None and options.cancel():
-            raise SolverError('shape_motion: planning must run to its end, got cancelled')
+            raise CancelledError('shape_motion: planning must run to its end, got cancelled')
 
     return check
 
@@ -201,14 +236,26 @@ def _plan(
     if not (np.isfinite(options.output_step) and options.output_step > 0.0):
         raise StateError(f'shape_motion: output_step must be > 0 s, got {options.output_step}')
     count = max(2, int(np.ceil((window[1] - window[0]) / options.output_step - 1e-9)) + 1)
-    step = (window[1] - window[0]) / (count - 1)
-    ends = motion(np.array(window))
+    return _simulated(method, robot, motion, np.linspace(*window, count), options.modes, table)
+
+
+def _simulated(
+    method: str,
+    robot: Robot,
+    motion: JointMotion,
+    t: Array,
+    modes: int | None,
+    table: ModeTable | None = None,
+) -> Plan:
+    """Return the plan of all coordinates at times (k,) in even steps; no limits are checked."""
+    step = float(t[1] - t[0])
+    ends = motion(t[[0, -1]])
     # what swings in the plan is the robot's own; a rigid one has nothing to integrate
     is_rigid = not len(robot.flexible_indices)
-    own_modes = ringing_modes(robot, ends[1], options.modes, table if is_rigid else None)
+    own_modes = ringing_modes(robot, ends[1], modes, table if is_rigid else None)
     fastest = float(own_modes.frequencies.max())
-    parts = max(1, int(np.ceil(step * STEPS_PER_PERIOD * fastest)))
-    fine: Array = np.linspace(*window, (count - 1) * parts + 1)
+    parts = int(np.ceil(max(step * STEPS_PER_PERIOD * fastest, STEPS / (len(t) - 1))))
+    fine: Array = np.linspace(t[0], t[-1], (len(t) - 1) * parts + 1)
     own = robot.copy()
     states = follow_joints(
         Stepper(own, step / parts),
@@ -217,7 +264,6 @@ def _plan(
         motion(fine, 1),
         motion(0.5 * (fine[1:] + fine[:-1]), 2),
     )
-    t: Array = fine[::parts]
     q, qd = np.ascontiguousarray(states.q[::parts]), np.ascontiguousarray(states.qd[::parts])
     qdd = np.zeros_like(q)
     given = motion(t, 2)
@@ -227,9 +273,52 @@ def _plan(
         require_attitude(robot, q[:, robot.base_indices[ATTITUDE]])
     driven, none = DrivenJoints(robot, method), np.zeros(len(t))
     names = driven.names, tuple(robot.coordinate_names)
-    plan = Plan(method, t, q, qd, qdd, driven.torque(force), *names, none, none)
-    require_limits(robot, plan, _limits(robot, options), '; make the motion slower')
-    return plan
+    return Plan(method, t, q, qd, qdd, driven.torque(force), *names, none, none)
+
+
+def with_spread(robot: Robot, plan: Plan, frames: tuple[str, ...], options: LimitOptions) -> Plan:
+    """Return a plan that says how much of each limit robots would use that are a little other.
+
+    Their joints do the plan's motion. The stiffness of each link, and the load at the first of
+    the frames, are drawn evenly within the options' `uncertainty`, and at its ends.
+    """
+    share, limits = options.uncertainty, options.limits(robot)
+    if not (isinstance(share, int | float) and 0.0 <= share < 1.0):
+        raise StateError(f'shape_motion: uncertainty must be >= 0 and < 1, got {share!r}')
+    links = sorted(
+        {
+            body.link
+            for body in robot.tree.bodies
+            if body.beam is not None or body.modes is not None
+        }
+    )
+    if not (share and links):
+        return plan
+    joints = robot.joint_indices
+    on_grid = GridMotion(
+        float(plan.t[0]),
+        float(plan.t[-1] - plan.t[0]) / (len(plan.t) - 1),
+        *(rows[:, joints] for rows in (plan.q, plan.qd, plan.qdd)),
+    )
+
+    def motion(at: Array, derivative: int = 0) -> Array:
+        return on_grid.sample(at)[derivative]
+
+    indices = robot.indices(DrivenJoints(robot, 'uncertainty').names)
+    random = np.random.default_rng(DRAWS)
+    factors = random.uniform(1.0 - share, 1.0 + share, (DRAWS, len(links) + 1))
+    ends = 1.0 + share * np.array([[-1.0, -1.0], [-1.0, 1.0], [1.0, -1.0], [1.0, 1.0]])
+    corners = np.hstack([np.repeat(ends[:, :1], len(links), axis=1), ends[:, 1:]])
+    largest: dict[str, float] = {}
+    for row in np.vstack([corners, factors]).tolist():
+        other = with_stiffness(robot, dict(zip(links, row, strict=False)))
+        other = other.with_scaled_load(frames[0], row[-1])
+        run = _simulated(plan.method, other, motion, plan.t, None)
+        use = LimitRows(other, indices, frames, limits).use(run)
+        for name, value in use.largest.items():
+            largest[name] = max(largest.get(name, 0.0), value)
+    use = plan.limits or LimitRows(robot, indices, frames, limits).use(plan)
+    return replace(plan, limits=replace(use, spread=largest))
 
 
 def _limits(robot: Robot, options: ShaperOptions) -> JointLimits:

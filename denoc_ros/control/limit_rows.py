@@ -74,6 +74,9 @@ class LimitOptions:
         Limits of the tips [m/s, m/s^2], and of what the joints draw together [W].
     margin : float
         Share of every limit but positions that is kept free.
+    uncertainty : float
+        Share by which the links' stiffness and the load may be off: the plan's limits then have
+        the `spread`, their largest shares where that is so and the joints do the plan's motion.
     """
 
     velocity: Given | None = None
@@ -88,6 +91,7 @@ class LimitOptions:
     tip_acceleration: float | None = None
     power: float | None = None
     margin: float = 0.0
+    uncertainty: float = 0.0
 
     def limits(self, robot: Robot) -> PlanLimits:
         """Return the limits of a robot with these options."""
@@ -312,10 +316,11 @@ class LimitRows:
 
     def _tips(self, at: Moments, step: float) -> Iterator[Row]:
         limits = (self._limits.tip_speed, self._limits.tip_acceleration)
+        robot, frames = self._robot, self._frames if min(limits) < np.inf else ()
+        places = [robot.frame_pose(frame, at.q)[:, :3, 3] for frame in frames]
+        jacobians = [robot.frame_jacobian(frame, at.q)[:, :3] for frame in frames]
         for order, limit in enumerate(limits):
-            for frame in self._frames if limit < np.inf else ():
-                place = self._robot.frame_pose(frame, at.q)[:, :3, 3]
-                jacobian = self._robot.frame_jacobian(frame, at.q)[:, :3]
+            for place, jacobian in zip(places, jacobians, strict=True) if limit < np.inf else ():
 
                 def change(by: Moments, order: int = order, jacobian: Array = jacobian) -> Array:
                     moved = jacobian @ by.q

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from typing import Generic, Protocol, TypeVar
 
 import clarabel
 import numpy as np
 import scipy.sparse as sparse
-from numpy.typing import NDArray
 
+from denoc_ros.control.limit_rows import LimitRows
+from denoc_ros.control.plan import Plan
 from denoc_ros.control.tip_solver import CancelledError
 from denoc_ros.errors import SolverError
 from denoc_ros.types import Array
@@ -22,7 +24,12 @@ NEAR = 1e-3  # share beyond a limit that counts as kept
 KEPT = 2e-4  # share of each limit that programs keep free
 START, LEAST, MOST = 0.5, 2e-3, 4.0  # of the trust region, as a share of each coefficient
 GOOD, POOR = 0.7, 0.2  # share of a predicted gain that is found
-LOOSE = 0.98  # of a limit: what binds
+NEARBY = 0.3  # of a limit: rows that a program looks at first
+CUTS = 6  # programs, each with the rows that the one before exceeds
+AGAIN = 3  # times that limits are made narrower where a finer plan is beyond them
+TIGHTEN = 4  # rounds each time
+SLOWER = 8  # times that a motion is made slower where that is not enough
+WITHIN = 1e-3  # share beyond a limit that a plan may be
 
 
 class Solution(Protocol):
@@ -32,12 +39,23 @@ class Solution(Protocol):
     ----------
     duration : float
         s.
+    cost : float
+        That is to be the least: the duration [s], or with more.
+    coefficients : (p,) array
     shares : (k, r) array
         Of the limits; at each moment, of each row.
     """
 
     @property
     def duration(self) -> float:
+        """Of the motion."""
+
+    @property
+    def cost(self) -> float:
+        """That is to be the least."""
+
+    @property
+    def coefficients(self) -> Array:
         """Of the motion."""
 
     @property
@@ -55,9 +73,15 @@ class MinimumTimeProblem(Protocol[S]):
     ----------
     names : tuple of str
         Of the rows.
+    price : float
+        Of a share beyond a limit, as a share of the cost.
+    steady : float
+        Share of the cost that a round must save.
     """
 
     names: tuple[str, ...]
+    price: float
+    steady: float
 
     def solve(self, coefficients: Array, near: tuple[S, Array] | None) -> S:
         """Return the motion; `near` is one with its change of coefficients to this one."""
@@ -66,11 +90,55 @@ class MinimumTimeProblem(Protocol[S]):
         """Return the derivatives (k r, p) of the shares, row by row."""
 
     def program(self, solution: S) -> Objective:
-        """Return the duration as a function of the coefficients."""
+        """Return the cost as a function of the coefficients."""
+
+    def slower(self, coefficients: Array, factor: float) -> Array:
+        """Return the coefficients of a motion that needs a factor less of its limits."""
+
+    def plan(self, found: S) -> Plan:
+        """Return the plan of a motion, with finer steps."""
+
+    def places(self, plan: Plan) -> Array:
+        """Return the places along the motion (k,), 0 to 1, of a plan's rows."""
 
 
 @dataclass(frozen=True)
-class Objective:
+class Part:
+    """A convex cost as a part of a program: of d = (new - old) / scale, and of own unknowns.
+
+    Attributes
+    ----------
+    scale, least, most : (p,) arrays
+        Of the coefficients, and bounds of d.
+    linear : (p + own,) array
+    quadratic : (p, p) array or None
+    constant : float
+    rows : (m, p + own) array
+    right : (m,) array
+    cones : list
+        rows z + s = right with s in the cones.
+    """
+
+    scale: Array
+    least: Array
+    most: Array
+    linear: Array
+    quadratic: Array | None
+    constant: float
+    rows: sparse.csr_array
+    right: Array
+    cones: list[object]
+
+
+class Objective(Protocol):
+    """A convex cost of coefficients."""
+
+    def part(self, c: Array, unit: float) -> Part:
+        """Return its part of a program at coefficients (p,), over a unit."""
+
+
+@dataclass(frozen=True)
+class PathDuration:
     """The duration of a timing as cones: sum of 2 ds / (w_i + w_{i+1}), w_i^2 <= x_i = B c.
 
     Attributes
@@ -84,6 +152,30 @@ class Objective:
     apart: Array
     design: Array
     largest: float = np.inf
+
+    def part(self, c: Array, unit: float) -> Part:
+        """Return its part of a program: its own unknowns are w (k) and times (k - 1)."""
+        p, k = len(c), len(self.apart) + 1
+        scale = np.maximum(np.abs(c), 1e-3 * np.abs(c).max())
+        design = sparse.csr_array(self.design)
+        x_unit = float(np.median(design @ c))
+        moved = design @ sparse.diags_array(scale) / x_unit
+        count = p + k + (k - 1)
+        linear = np.zeros(count)
+        linear[p + k :] = 2.0 * self.apart / (np.sqrt(x_unit) * unit)
+        first, first_right = _square_roots(moved, (design @ c) / x_unit, k, count, p)
+        second, second_right = _inverses(k, count, p)
+        return Part(
+            scale,
+            np.full(p, -0.9),
+            np.maximum(self.largest * np.median(c) - c, 0.0) / scale,
+            linear,
+            None,
+            0.0,
+            sparse.csr_array(sparse.vstack([first, second])),
+            np.concatenate([first_right, second_right]),
+            [clarabel.SecondOrderConeT(3)] * (2 * k - 1),
+        )
 
 
 @dataclass(frozen=True)
@@ -146,8 +238,8 @@ def shortest(
     to first order; of a rigid robot without viscous friction the limits are exact as well.
     """
     here = problem.solve(start, None)
-    coefficients, radius = start, START
-    best: tuple[S, Array] | None = (here, start) if excess(here) <= NEAR else None
+    coefficients, radius = here.coefficients, START
+    best: tuple[S, Array] | None = (here, coefficients) if excess(here) <= NEAR else None
     gains = np.zeros(len(problem.names))
     settled, round_ = False, 0
     for round_ in range(rounds):
@@ -155,38 +247,40 @@ def shortest(
         if stopped():
             break
         jacobian = problem.jacobian(here)
-        cost = _cost(here, here.duration)
+        cost = _cost(problem, here, here.cost)
         while True:
-            step = _program(problem.program(here), here, jacobian, coefficients, radius)
+            step = _program(
+                problem.program(here), here, jacobian, coefficients, radius, problem.price
+            )
             if step is None:
                 radius *= 0.3
             else:
                 there, expected, gains_there = step
                 found = _attempt(problem, there, (here, there - coefficients))
-                if found is not None and _cost(found, here.duration) > cost - POOR * (
+                if found is not None and _cost(problem, found, here.cost) > cost - POOR * (
                     cost - expected
                 ):
                     found, there = _corrected(
                         problem, here, found, jacobian, (coefficients, there), radius
                     )
-                gain = -np.inf if found is None else cost - _cost(found, here.duration)
+                gain = -np.inf if found is None else cost - _cost(problem, found, here.cost)
                 wanted = cost - expected
-                if wanted <= STEADY * (1.0 if excess(here) <= NEAR else 0.1):
+                if wanted <= problem.steady * (1.0 if excess(here) <= NEAR else 0.1):
                     settled, gains = True, gains_there
                     break
                 if found is not None and gain >= POOR * wanted:
                     radius = min(2.0 * radius, MOST) if gain >= GOOD * wanted else radius
-                    here, coefficients, gains = found, there, gains_there
+                    here, coefficients, gains = found, found.coefficients, gains_there
                     break
                 radius *= 0.4
             if radius < LEAST or stopped():
                 settled = radius < LEAST
                 break
-        if excess(here) <= NEAR and (best is None or here.duration <= best[0].duration):
+        if excess(here) <= NEAR and (best is None or here.cost <= best[0].cost):
             best = here, coefficients
         if settled and excess(here) > NEAR and best is None:
             # no step helps from beyond the limits: go on from a slower motion
-            coefficients = coefficients / (1.0 + max(1.2 * excess(here), 0.05))
+            coefficients = problem.slower(coefficients, 1.0 + max(1.2 * excess(here), 0.05))
             try:
                 slower = problem.solve(coefficients, None)
             except SolverError as error:
@@ -197,6 +291,61 @@ def shortest(
     if best is None:
         raise SolverError(f'{_broken(problem, here)} after {round_ + 1} rounds')
     return Found(*best, gains, round_ + 1, settled)
+
+
+def shortest_plan(
+    problem: MinimumTimeProblem[S],
+    first: Array,
+    rows: LimitRows,
+    progress: Callable[[float], object] | None,
+    cancel: Callable[[], bool] | None,
+) -> Plan:
+    """Return the plan of the shortest motion, made a little slower where it needs that.
+
+    Arguments and errors as of :func:`shortest`.
+    """
+    stopped = cancel or (lambda: False)
+    found = shortest(problem, first, progress or _quiet, stopped)
+    return checked_plan(problem, found, rows, stopped)
+
+
+def _quiet(_share: float) -> None:
+    """Report nothing."""
+
+
+def checked_plan(
+    problem: MinimumTimeProblem[S],
+    found: Found[S],
+    rows: LimitRows,
+    stopped: Callable[[], bool],
+) -> Plan:
+    """Return the plan of a motion that was found, made a little slower where it needs that."""
+    for again in range(AGAIN + SLOWER):
+        plan = problem.plan(found.solution)
+        use = rows.use(plan)
+        beyond = use.shares.max(axis=0, initial=0.0) - 1.0
+        if not beyond.max(initial=0.0) > WITHIN:
+            gains = {
+                name: 0.01 * gain for name, gain in zip(problem.names, found.gains, strict=True)
+            }
+            return replace(plan, limits=replace(use, gains=gains, settled=found.settled))
+        narrowed = None
+        if again < AGAIN and not stopped():
+            # between the moments of the search: there the limits are made narrower
+            rows.narrow(problem.places(plan), use.shares)
+            with suppress(SolverError):
+                narrowed = shortest(problem, found.coefficients, _quiet, stopped, TIGHTEN)
+        if narrowed is not None:
+            found = narrowed
+        else:
+            slower = problem.slower(found.coefficients, 1.0 + 1.1 * float(beyond.max()))
+            solution = problem.solve(slower, None)
+            found = replace(found, solution=solution, coefficients=solution.coefficients)
+    name = rows.names[int(beyond.argmax())]
+    raise SolverError(
+        f'shape_motion: {name} must keep its limit, got {1.0 + float(beyond.max()):.4g} times '
+        'that of the shortest motion that was found'
+    )
 
 
 def _broken(problem: MinimumTimeProblem[S], solution: S) -> str:
@@ -225,18 +374,24 @@ def _corrected(
         return found, there
     shares = found.shares.ravel() - jacobian @ (there - before)
     step = _program(
-        problem.program(here), here, jacobian, before, radius, shares.reshape(here.shares.shape)
+        problem.program(here),
+        here,
+        jacobian,
+        before,
+        radius,
+        problem.price,
+        shares.reshape(here.shares.shape),
     )
     if step is None:
         return found, there
     again = _attempt(problem, step[0], (here, step[0] - before))
-    if again is None or _cost(again, here.duration) >= _cost(found, here.duration):
+    if again is None or _cost(problem, again, here.cost) >= _cost(problem, found, here.cost):
         return found, there
     return again, step[0]
 
 
-def _cost(solution: Solution, unit: float) -> float:
-    return solution.duration / unit + EXCESS * max(0.0, excess(solution) - 0.5 * NEAR)
+def _cost(problem: MinimumTimeProblem[S], solution: S, unit: float) -> float:
+    return solution.cost / unit + problem.price * max(0.0, excess(solution) - 0.5 * NEAR)
 
 
 def _attempt(
@@ -256,82 +411,70 @@ def _program(
     jacobian: Array | sparse.csr_array,
     c: Array,
     radius: float,
+    price: float,
     shares: Array | None = None,
 ) -> tuple[Array, float, Array] | None:
     """Return the coefficients of the convex program, its cost, and the rows' multipliers.
 
     `shares` stand in place of those of the motion.
     """
-    p, k = len(c), len(objective.apart) + 1
-    unit = here.duration
-    scale = np.maximum(np.abs(c), 1e-3 * np.abs(c).max())
+    p, part = len(c), objective.part(c, here.cost)
+    scale, count = part.scale, len(part.linear) + 1
     shares = (here.shares if shares is None else shares).ravel()
-    rows, sides = _near_rows(shares, jacobian, scale, radius)
-    limit = sparse.csr_array(jacobian[rows]) if not sparse.issparse(jacobian) else jacobian[rows]
-    limit = sparse.diags_array(sides) @ limit @ sparse.diags_array(scale)
-    room = 1.0 - KEPT - sides * shares[rows]
-    # unknowns: d = (new - old) / scale (p), w (k), times (k - 1), excess
-    design = sparse.csr_array(objective.design)
-    x_unit = float(np.median(design @ c))
-    w_unit = np.sqrt(x_unit)
-    moved = design @ sparse.diags_array(scale) / x_unit
-    x_here = (design @ c) / x_unit
-    count = p + k + (k - 1) + 1
-    cost = np.zeros(count)
-    cost[p + k : -1] = 2.0 * objective.apart / (w_unit * unit)
-    cost[-1] = EXCESS
-    blocks: list[sparse.csr_array] = []
-    right: list[Array] = []
-    # clarabel: A z + s = b, s in the cone
+    reach = radius * (abs(jacobian) @ scale)
+    near = [side * shares + np.minimum(reach, NEARBY) > 1.0 - 2.0 * NEAR for side in (1.0, -1.0)]
     eye = sparse.eye_array(p)
-    column = sparse.csr_array(np.ones((len(rows), 1)))
-    blocks.append(sparse.hstack([limit, _empty(len(rows), 2 * k - 1), -column]))
-    right.append(room)
-    for sign in (1.0, -1.0):
-        bound = np.full(p, radius if sign > 0.0 else min(radius, 0.9))
-        if sign > 0.0:
-            bound = np.minimum(
-                bound, np.maximum(objective.largest * np.median(c) - c, 0.0) / scale
-            )
-        blocks.append(sparse.hstack([sign * eye, _empty(p, 2 * k)]))
-        right.append(bound)
-    last = sparse.csr_array(([-1.0], ([0], [count - 1])), shape=(1, count))
-    blocks.append(last)
-    right.append(np.zeros(1))
-    linear = sum(len(part) for part in right)
-    first, first_right = _square_roots(moved, x_here, k, count, p)
-    second, second_right = _inverses(k, count, p)
-    a = sparse.csc_array(sparse.vstack([*blocks, first, second]))
-    b = np.concatenate([*right, first_right, second_right])
-    cones = [clarabel.NonnegativeConeT(linear)]
-    cones += [clarabel.SecondOrderConeT(3)] * (2 * k - 1)
+    bounds = [
+        sparse.hstack([eye, _empty(p, count - p)]),
+        sparse.hstack([-eye, _empty(p, count - p)]),
+        sparse.csr_array(([-1.0], ([0], [count - 1])), shape=(1, count)),
+        sparse.hstack([part.rows, _empty(len(part.right), 1)]),
+    ]
+    within = [np.minimum(radius, part.most), np.minimum(radius, -part.least), np.zeros(1)]
+    quadratic = sparse.csc_array((count, count))
+    if part.quadratic is not None:  # its upper triangle
+        own = sparse.coo_array(np.triu(part.quadratic))
+        quadratic = sparse.csc_array((own.data, own.coords), shape=(count, count))
+    cost = np.append(part.linear, price)
     settings = clarabel.DefaultSettings()
     settings.verbose = False
     settings.max_threads = 1
-    found = clarabel.DefaultSolver(
-        sparse.csc_array((count, count)), cost, a, b, cones, settings
-    ).solve()
-    if 'Solved' not in str(found.status):
-        return None
-    z = np.array(found.x)
-    there = c + scale * z[:p]
+    for _ in range(CUTS):
+        rows = np.concatenate([np.flatnonzero(each) for each in near])
+        sides = np.repeat([1.0, -1.0], [np.count_nonzero(each) for each in near])
+        limit = sparse.csr_array(jacobian[rows])
+        limit = sparse.diags_array(sides) @ limit @ sparse.diags_array(scale)
+        # unknowns: d (p), those of the objective, excess; clarabel: A z + s = b, s in the cone
+        column = sparse.csr_array(np.ones((len(rows), 1)))
+        first = sparse.hstack([limit, _empty(len(rows), count - p - 1), -column])
+        right = [1.0 - KEPT - sides * shares[rows], *within, part.right]
+        found = clarabel.DefaultSolver(
+            quadratic,
+            cost,
+            sparse.csc_array(sparse.vstack([first, *bounds])),
+            np.concatenate(right),
+            [clarabel.NonnegativeConeT(sum(map(len, right[:-1]))), *part.cones],
+            settings,
+        ).solve()
+        if 'Solved' not in str(found.status):
+            return None
+        z = np.array(found.x)
+        d = z[:p]
+        there = shares + jacobian @ (scale * d)
+        more = [
+            (side * there > 1.0 + z[-1]) & ~each
+            for side, each in zip((1.0, -1.0), near, strict=True)
+        ]
+        if not (more[0].any() or more[1].any()):
+            break
+        near = [old | new for old, new in zip(near, more, strict=True)]
     gains = np.zeros(here.shares.shape)
     np.add.at(gains.ravel(), rows, np.maximum(np.array(found.z)[: len(rows)], 0.0))
-    cost_there = float(cost[:-1] @ z[:-1]) + EXCESS * max(0.0, float(z[-1]) - KEPT - 0.5 * NEAR)
-    return there, cost_there, gains.sum(axis=0)
-
-
-def _near_rows(
-    shares: Array, jacobian: Array | sparse.csr_array, scale: Array, radius: float
-) -> tuple[NDArray[np.int64], Array]:
-    """Return which rows could come to their limit within a radius, and on which side."""
-    reach = radius * (abs(jacobian) @ scale)
-    found, sides = [], []
-    for side in (1.0, -1.0):
-        at = np.flatnonzero(side * shares + reach > 1.0 - 2.0 * NEAR)
-        found.append(at)
-        sides.append(np.full(len(at), side))
-    return np.concatenate(found), np.concatenate(sides)
+    cost_there = part.constant + float(cost[:-1] @ z[:-1])
+    if part.quadratic is not None:
+        cost_there += 0.5 * float(d @ part.quadratic @ d)
+    cost_there += price * max(0.0, float(z[-1]) - KEPT - 0.5 * NEAR)
+    return c + scale * d, cost_there, gains.sum(axis=0)
 
 
 def _empty(rows: int, columns: int) -> sparse.csr_array:

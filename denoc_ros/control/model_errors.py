@@ -6,6 +6,7 @@ import math
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -81,15 +82,21 @@ class ModelErrors:
         return out
 
 
+@cache
+def _pairs(count: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return both errors of each product of two of so many."""
+    return np.triu_indices(count)
+
+
 def terms(errors: Array) -> Array:
     """Return all that a polynomial of second degree without a constant has of errors (e,)."""
-    first, second = np.triu_indices(len(errors))
+    first, second = _pairs(len(errors))
     return np.concatenate([errors, errors[first] * errors[second]])
 
 
 def terms_rate(errors: Array) -> Array:
     """Return the derivative (terms, e) of the terms by the errors."""
-    first, second = np.triu_indices(len(errors))
+    first, second = _pairs(len(errors))
     unit = np.eye(len(errors))
     pairs = errors[second, None] * unit[first] + errors[first, None] * unit[second]
     return np.concatenate([unit, pairs])

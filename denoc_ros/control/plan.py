@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -25,6 +25,9 @@ class LimitUse:
     gains : mapping of name to float
         By which share of the duration a limit that is 1 % larger would make the shortest motion
         shorter, to first order; of plans in minimum time.
+    spread : mapping of name to float
+        Largest share of each limit over robots that are a little other; of plans with
+        `uncertainty`.
     settled : bool
         Whether a plan in minimum time was found to the end; False: the best so far.
     """
@@ -33,6 +36,7 @@ class LimitUse:
     shares: Array
     gains: Mapping[str, float]
     settled: bool = True
+    spread: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def largest(self) -> dict[str, float]:

@@ -2,47 +2,124 @@
 
 from __future__ import annotations
 
-import functools
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import NamedTuple
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass, field
 
 import numpy as np
+import scipy.linalg
+import scipy.sparse as sparse
 from numpy.typing import ArrayLike
+from scipy.interpolate import BSpline
 
 from denoc_ros.control.driven_joints import DrivenJoints
-from denoc_ros.control.end_swing import Driven, EndSwing
+from denoc_ros.control.end_swing import Driven, EndSwing, MotionChange
 from denoc_ros.control.joint_limits import JointLimits, joint_limits
-from denoc_ros.control.least_distance import solve_bounded
-from denoc_ros.control.rest_basis import RestBasis
+from denoc_ros.control.limit_rows import LimitRows, Moments, PlanLimits
+from denoc_ros.control.minimum_time import (
+    NEAR,
+    STEADY,
+    Found,
+    Part,
+    checked_plan,
+    excess,
+    shortest,
+)
+from denoc_ros.control.plan import Plan
 from denoc_ros.control.ringing import ringing_modes
+from denoc_ros.control.tip_minimum_time import PACED, require_rest
+from denoc_ros.control.tip_solver import CancelledError
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import SolverError, StateError
 from denoc_ros.types import Array
 
-SEGMENTS = (16, 60)  # of the spline, at least and at most
+SEGMENTS = (16, 60)  # of the splines, at least and at most
 SEGMENTS_PER_PERIOD = 3.0  # of the fastest mode that is to rest
-STEPS = 300  # of the simulated motion, at least
-STEPS_PER_PERIOD = 60.0
-PER_SEGMENT = 6  # moments at which limits hold
+LEAST_FINE = 40  # segments there, at least
+UNKNOWNS = 160  # of all splines in minimum time, at least; a joint has 120 segments at most
+FINEST = 120
+PER_SEGMENT = {3: 2, 5: 6}  # moments at which limits are looked at, by the splines' degree
+STEPS = 200  # of the simulated motion, at least
+STEPS_PER_PERIOD = 20.0, 60.0  # of the fastest mode, while its duration is looked for, and after
 QUIET = 1e-3  # share of the plain motion's swing that counts as rest
+EXACT = 1e-4  # share to which the search brings it
 STANDS = 1e-9  # rad, m: a way that is none
-ROUNDS = 30
-ENOUGH = 6  # rounds after which a motion that rests need not settle any more
-STALLED = 8  # rounds without less swing or excess after which there is no motion
-# how much of the way to the least cost a step is meant to go, and which share of it is gone
-PARTS = (
-    (1.0, 1.0), (1.0, 0.5), (0.3, 1.0), (0.3, 0.5), (0.1, 1.0), (0.03, 0.5),
-    (0.0, 1.0), (0.0, 0.3),
-)  # fmt: skip
-RESTING = 6  # of them, the first that does not look for the least cost
-DESCENT = 15  # rounds after which a motion only comes to rest
-NEARER = 0.9  # of swing and excess: what counts as less
-EXCESS = 1e4  # what effort beyond its limit costs, as a share of it, beside a jerk of 1
-ROBUSTNESS = 1e3  # what a motion's swing with other frequencies costs, beside its jerk
-GROWTH, CLOSE = 1.15, 1.02  # in the search for the shortest duration
-LONGEST = 20.0  # times the least duration: where that search ends
-LONGER = 4.0  # times the wanted duration: where the search for a longer one ends
+NEWTON = 10  # steps to rest
+SLOWLY = 0.3  # share of a swing that a step with the derivatives of the motion before leaves
+ROUNDS, SMOOTHER, FEW = 60, 30, 6  # of the shortest motion, and of one in a given time
+SMOOTH = 1e-7  # durations that the plain motion's mean square of jerk costs in minimum time
+LATE = 1e4  # jerks of the plain motion that a share of the wanted duration costs
+ROBUSTNESS = 2e4  # that all the swing with other frequencies costs
+QUICK = 3.0, STEADY  # price of a share beyond a limit and steadiness of a search for time
+FASTER = 1.0, 0.9, 0.8, 0.7  # plain motions of which the largest swing is that scale
+FIRM = 200.0, 1e-4  # price and steadiness of a search whose cost is the jerk
+GUESSES = 12  # of a duration in which the plain motion keeps its limits
+ON_TIME = 1e-5  # share of the wanted duration
+STEP_OF_TIME, STEP_OF_JOINTS, STEP_OF_PASSING = 0.3, 0.3, 0.1  # scales of a trust region
+
+
+class RestBasis:
+    """B-splines over [0, 1] whose first derivatives are 0 at both ends.
+
+    Parameters
+    ----------
+    segments : int
+        Equal pieces.
+    degree, ends : int
+        Of the splines, and how many coefficients are fixed at each end: of degree 5 with 4
+        position, velocity, acceleration and jerk; of degree 3 with 3 all but the jerk.
+
+    Attributes
+    ----------
+    free : int
+        Coefficients of each joint that are free.
+    """
+
+    def __init__(self, segments: int, degree: int = 5, ends: int = 4) -> None:
+        self.segments = segments
+        self.degree, self._ends = degree, ends
+        inner = np.linspace(0.0, 1.0, segments + 1)
+        self._knots = np.concatenate((np.zeros(degree), inner, np.ones(degree)))
+        self._count = segments + degree
+        self.free = self._count - 2 * ends
+
+    def design(self, shares: ArrayLike, derivative: int = 0) -> Array:
+        """Basis functions of the free coefficients at shares (k,) of the duration: (k, free)."""
+        return self._columns(shares, derivative)[:, self._ends : -self._ends]
+
+    def fixed(self, start: Array, end: Array, shares: ArrayLike, derivative: int = 0) -> Array:
+        """Motion by the fixed coefficients at shares (k,): (k, joints)."""
+        columns = self._columns(shares, derivative)
+        first = columns[:, : self._ends].sum(axis=1)
+        last = columns[:, -self._ends :].sum(axis=1)
+        return np.asarray(np.outer(first, start) + np.outer(last, end))
+
+    def _columns(self, shares: ArrayLike, derivative: int) -> Array:
+        moments = np.asarray(shares, dtype=np.float64)
+        inside = np.clip(moments, 0.0, 1.0)
+        spline = BSpline(self._knots, np.eye(self._count), self.degree)
+        columns = np.array(spline(inside, derivative))
+        if derivative:
+            columns[inside != moments] = 0.0
+        return columns
+
+
+@dataclass(frozen=True)
+class Waypoints:
+    """Places that a tip must pass on the way.
+
+    Attributes
+    ----------
+    frame : str
+    postures : (w, driven) array
+        Of the undeformed robot.
+    radius : float
+        m: how far the tip may be from where the undeformed robot's is in the posture.
+    """
+
+    frame: str
+    postures: Array
+    radius: float
 
 
 @dataclass(frozen=True)
@@ -71,334 +148,658 @@ class RestMotion:
     end: Array
     driven: DrivenJoints
 
-    @property
-    def ends(self) -> tuple[Array, Array]:
-        """First and last posture of the driven joints."""
-        return self.start, self.end
-
     def joints(self, times: ArrayLike, derivative: int = 0) -> Array:
         """Return the joints' motion (k, joints), or a derivative of it, held outside."""
-        rows = self.basis.rows(self.coefficients, self.start, self.end, times, derivative)
-        return self.driven.all(rows, derivative)
+        shares = np.asarray(times) / self.duration
+        rows = self.basis.design(shares, derivative) @ self.coefficients
+        rows += self.basis.fixed(self.start, self.end, shares, derivative)
+        return self.driven.all(rows / self.duration**derivative, derivative)
 
 
-class _Point(NamedTuple):
-    """Motions of all robots with some coefficients, and their residual vibration.
+@dataclass(frozen=True)
+class TimedRest:
+    """A motion with coefficients, at rest at its end (see :class:`RestProblem`)."""
+
+    coefficients: Array
+    duration: float
+    cost: float
+    shares: Array
+    at: Moments
+    motion: Driven
+    qdd: Array  # (k, joints)
+    errors: tuple[Array, ...]  # that rings at the end, of each robot
+    change: list[_Change] = field(default_factory=list)  # once it was asked for
+
+
+@dataclass(frozen=True)
+class _Change:
+    """Derivatives of a motion by its coefficients.
 
     Attributes
     ----------
-    motions : list of Driven
-    errors : list of (m,) arrays
-        What rings at the end.
-    torque : (k, driven) array
-        Of the robot itself.
+    errors : arrays (m, p)
+        Of each robot's residual vibration.
+    own : MotionChange
+    resting : (p, p) array
+        Changes of coefficients that stay at rest, by those that were asked for.
+    back : (p, m) array
+        The smoothest change of coefficients for a residual vibration.
     """
 
-    motions: list[Driven]
-    errors: list[Array]
-    torque: Array
-
-    def left(self, size: float) -> float:
-        """Residual vibration of the robot itself, as a share of a swing's size."""
-        return float(np.linalg.norm(self.errors[0])) / max(size, 1e-12)
+    errors: tuple[Array, ...]
+    own: MotionChange
+    resting: Array
+    back: Array
 
 
-class _Problem:
-    """The search for the coefficients of one duration, of the driven joints."""
+@dataclass(frozen=True)
+class RestCost:
+    """Duration, jerk and swing with other frequencies of a motion (see :class:`Objective`)."""
+
+    here: TimedRest
+    problem: RestProblem
+
+    def part(self, c: Array, unit: float) -> Part:
+        """Return its part of a program; it has no unknowns of its own."""
+        scale, least, most = self.problem.region(c)
+        hessian, gradient = self.problem.curvature(self.here)
+        along = self.problem.change(self.here).resting * scale
+        none = sparse.csr_array((0, len(c)))
+        return Part(
+            scale,
+            least,
+            most,
+            along.T @ gradient / unit,
+            along.T @ hessian @ along / unit,
+            self.here.cost / unit,
+            none,
+            np.zeros(0),
+            [],
+        )
+
+
+class RestProblem:
+    """The search for a motion that ends at rest (see :class:`MinimumTimeProblem`).
+
+    Coefficients are those of the splines, joint by joint, the duration, and at which share of it
+    each waypoint is passed. Every solution is at rest at its end: a change of coefficients that
+    would disturb that is followed by the smoothest one that restores it, as an implicit function.
+
+    Parameters
+    ----------
+    robots : list of Robot
+        The robot itself, and those with other frequencies that should rest as well.
+    driven : DrivenJoints
+    postures : pair of (driven,) arrays
+    rows : LimitRows
+    basis : RestBasis
+    wanted : float
+        Duration that is not to be undercut [s], 0: the shortest is looked for.
+    longest : float
+        Steps of the simulated motion are fine enough for durations up to this [s].
+    fine : int
+        Index of `STEPS_PER_PERIOD`.
+    """
 
     def __init__(
         self,
         robots: list[Robot],
         driven: DrivenJoints,
         postures: tuple[Array, Array],
-        duration: float,
-        limits: JointLimits,
+        rows: LimitRows,
+        basis: RestBasis,
+        wanted: float,
         modes: int | None,
+        scale: Array,
+        waypoints: Waypoints | None,
+        check: Callable[[], None],
     ) -> None:
-        self.robot, self.driven = robots[0], driven
-        self.start, self.end = postures
-        self.limits = limits
-        first, last = driven.all(self.start), driven.all(self.end)
-        fastest = float(ringing_modes(self.robot, last, modes).frequencies.max())
-        wanted = int(np.ceil(SEGMENTS_PER_PERIOD * fastest * duration))
-        segments = min(max(wanted, SEGMENTS[0]), SEGMENTS[1])
-        self.basis = RestBasis(duration, segments)
-        steps = max(STEPS, int(np.ceil(STEPS_PER_PERIOD * fastest * duration)))
-        self.t = np.linspace(0.0, duration, steps + 1)
-        middle = 0.5 * (self.t[1:] + self.t[:-1])
-        position, velocity, acceleration = (self.basis.design(self.t, k) for k in range(3))
-        self.designs = position, velocity, acceleration
-        self._middle = self.basis.design(middle, 2), self.basis.ends(*postures, middle, 2)
-        self._fixed = [self.basis.ends(*postures, self.t, order) for order in range(3)]
-        step = duration / steps
-        self.swings = [EndSwing(each, first, last, step, modes) for each in robots]
-        self._count = self.basis.free * len(self.start)
-        self._points = np.linspace(0.0, duration, PER_SEGMENT * segments + 1)[1:-1]
-        self._bounds = self._limit_rows()
-        self._hessian, self._drift, self._cost = self._least_jerk()
+        self.robot, self.driven, self.postures = robots[0], driven, postures
+        self.rows, self.basis, self.wanted = rows, basis, wanted
+        self.waypoints, self._check = waypoints, check
+        self.to_plan: Callable[[RestMotion], Plan]
+        first, last = (driven.all(each) for each in postures)
+        self.swings = [EndSwing(each, first, last, modes) for each in robots]
+        self.fastest = float(ringing_modes(self.robot, last, modes).frequencies.max())
+        count = 0 if waypoints is None else len(waypoints.postures)
+        self.names = rows.names + tuple(f'waypoint {k + 1}' for k in range(count))
+        self.price, self.steady = FIRM if wanted else QUICK
+        self._splines = basis.free * len(postures[0])
+        self._count = self._splines + 1 + count
+        self.at_duration = self._splines
+        self._way = self._lengths()
+        self._hessian, self._gradient, self._constant = self._jerk(scale)
+        eye = np.eye(self._splines)
+        even = self._hessian + 1e-13 * float(np.trace(self._hessian)) / self._splines * eye
+        self._smooth = scipy.linalg.cho_factor(even)
+        self._goals = self._places()
+        self.fixed = False  # whether the duration is the wanted one all the time
+        self.unit = self.size = self.swing = 1.0
+        self.refine(1.0, 0)
 
-    def rows(self, x: Array, derivative: int) -> Array:
-        """Return the driven joints (k, driven) of coefficients (count,) at the ends of steps."""
-        moved = self.designs[derivative] @ self.shaped(x)
-        return np.asarray(moved + self._fixed[derivative])
+    def refine(self, duration: float, fine: int) -> None:
+        """Take steps for a duration [s]: coarse (0) or fine (1) ones."""
+        nodes = PER_SEGMENT[self.basis.degree] * self.basis.segments
+        periods = self.fastest * duration
+        steps = max(STEPS, STEPS_PER_PERIOD[fine] * periods)
+        self._every = int(np.ceil(steps / nodes))
+        self.count = nodes * self._every
+        self.shares = np.linspace(0.0, 1.0, self.count + 1)
+        middle = 0.5 * (self.shares[1:] + self.shares[:-1])
+        self._designs = [self.basis.design(self.shares, k) for k in range(3)]
+        self._fixed = [self.basis.fixed(*self.postures, self.shares, k) for k in range(3)]
+        self._between = self.basis.design(middle, 2), self.basis.fixed(*self.postures, middle, 2)
+        sizes = [
+            float(np.linalg.norm(self.run(self.plain(share * duration)).errors[0]))
+            for share in FASTER
+        ]
+        self.size, self.unit = max(sizes[0], 1e-9), duration
+        self.swing = max(*sizes, 1e-9)
+
+    def _lengths(self) -> Array:
+        """Return how far each joint goes [rad, m], at least a tenth of the farthest."""
+        between = () if self.waypoints is None else self.waypoints.postures
+        way = np.ptp(np.array([*self.postures, *between]), axis=0)
+        return np.asarray(np.maximum(way, max(0.1 * float(way.max()), STANDS)))
+
+    def _jerk(self, scale: Array) -> tuple[Array, Array, float]:
+        """Return H, g and c of x.H x / 2 + g.x + c: half the mean square of the jerk, scaled."""
+        shares = np.linspace(0.0, 1.0, 16 * self.basis.segments)
+        one = self.basis.design(shares, 3) / np.sqrt(len(shares))
+        design = np.kron(np.diag(1.0 / scale), one)
+        fixed = self.basis.fixed(*self.postures, shares, 3) / np.sqrt(len(shares)) / scale
+        right = fixed.T.ravel()
+        return design.T @ design, design.T @ right, 0.5 * float(right @ right)
+
+    def _places(self) -> Array:
+        """Return where the undeformed robot's tip is at the waypoints (w, 3)."""
+        if self.waypoints is None:
+            return np.zeros((0, 3))
+        q = np.zeros((len(self.waypoints.postures), self.robot.n))
+        q[:, self.robot.joint_indices] = self.driven.all(self.waypoints.postures)
+        return np.asarray(self.robot.frame_pose(self.waypoints.frame, q)[:, :3, 3])
+
+    def plain(self, duration: float) -> Array:
+        """Return the coefficients of the least jerk through the waypoints."""
+        passed = self._passing()
+        rows: Array = np.zeros((0, self._splines))
+        right: Array = np.zeros(0)
+        if self.waypoints is not None:
+            off = self.waypoints.postures - self.basis.fixed(*self.postures, passed)
+            rows = np.asarray(
+                np.kron(np.eye(len(self._way)), self.basis.design(passed)), dtype=np.float64
+            )
+            right = off.T.ravel()
+        free = np.zeros(self._splines)
+        for _ in range(3):  # the factored matrix is only near the Hessian
+            free -= scipy.linalg.cho_solve(self._smooth, self._hessian @ free + self._gradient)
+        if len(right):
+            back = scipy.linalg.cho_solve(self._smooth, rows.T)
+            free = free + back @ np.linalg.lstsq(rows @ back, right - rows @ free)[0]
+        return np.concatenate([free, [duration], passed])
+
+    def _passing(self) -> Array:
+        """Return at which shares of the duration waypoints are passed, by the way between."""
+        if self.waypoints is None:
+            return np.zeros(0)
+        points = np.vstack([self.postures[0], self.waypoints.postures, self.postures[1]])
+        way = np.cumsum(np.linalg.norm(np.diff(points, axis=0) / self._way, axis=1))
+        even = np.linspace(0.0, 1.0, 201)
+        passed = even - np.sin(2.0 * np.pi * even) / (2.0 * np.pi)
+        share = way[:-1] / max(float(way[-1]), STANDS)
+        return np.interp(np.clip(share, 0.05, 0.95), passed, even)
+
+    def jerk(self, x: Array) -> float:
+        """Half the mean square of the jerk over the duration's cube, scaled."""
+        c = x[: self._splines]
+        return self._constant + float(0.5 * c @ self._hessian @ c + self._gradient @ c)
+
+    def _prices(self) -> tuple[float, float, float]:
+        """Return the prices of a second, of a jerk, and of a swing's square."""
+        jerk = max(self.jerk(self.plain(1.0)), 1e-12)
+        if self.wanted:
+            return LATE, self.wanted / jerk, self.wanted * ROBUSTNESS / self.swing**2
+        return 1.0, SMOOTH * self.unit / jerk, 0.0
+
+    def _cost(self, x: Array, errors: tuple[Array, ...]) -> float:
+        late, smooth, quiet = self._prices()
+        rung = sum(float(error @ error) for error in errors[1:])
+        duration = late * (x[self._splines] - self.wanted)
+        return float(duration + smooth * self.jerk(x) + quiet * rung)
+
+    def curvature(self, here: TimedRest) -> tuple[Array, Array]:
+        """Return the cost's second and first derivatives by the coefficients."""
+        late, smooth, quiet = self._prices()
+        p, n = self._splines, self._count
+        hessian, gradient = np.zeros((n, n)), np.zeros(n)
+        hessian[:p, :p] = smooth * self._hessian
+        c = here.coefficients[:p]
+        gradient[:p] = smooth * (self._hessian @ c + self._gradient)
+        gradient[p] = late
+        pairs = zip(here.errors[1:], self.change(here).errors[1:], strict=True)
+        for error, by in pairs:
+            hessian += 2.0 * quiet * by.T @ by
+            gradient += 2.0 * quiet * by.T @ error
+        return hessian, gradient
+
+    def region(self, x: Array) -> tuple[Array, Array, Array]:
+        """Return scales of coefficients, and bounds of their changes over these."""
+        duration, passed = x[self._splines], x[self._splines + 1 :]
+        scale = np.concatenate([
+            np.repeat(STEP_OF_JOINTS * self._way, self.basis.free),
+            [STEP_OF_TIME * duration],
+            np.full(len(passed), STEP_OF_PASSING),
+        ])  # fmt: skip
+        least, most = np.full((2, len(x)), np.inf)
+        least[self._splines] = min(duration - self.wanted, 0.6 * duration) / scale[self._splines]
+        if self.fixed:
+            least[self._splines] = most[self._splines] = 0.0
+        gaps = np.diff(np.concatenate([[0.0], passed, [1.0]]))
+        least[self._splines + 1 :] = 0.4 * gaps[:-1] / STEP_OF_PASSING
+        most[self._splines + 1 :] = 0.4 * gaps[1:] / STEP_OF_PASSING
+        return scale, -np.maximum(least, 0.0), most
+
+    def program(self, solution: TimedRest) -> RestCost:
+        """Return the cost as a function of the coefficients."""
+        return RestCost(solution, self)
+
+    def slower(self, coefficients: Array, factor: float) -> Array:
+        """Return the same motion in a longer time."""
+        slower: Array = np.array(coefficients)
+        slower[self._splines] *= np.sqrt(factor)
+        return slower
+
+    def kept(self, x: Array) -> Array:
+        """Return the coefficients of a motion as fast as limits allow without another shape."""
+        for _ in range(GUESSES):
+            found = self.solve(x, None)
+            x = found.coefficients
+            if excess(found) <= NEAR:
+                break
+            x = self.slower(x, 1.0 + 1.2 * excess(found))
+        return x
+
+    def near(self, other: RestProblem, x: Array) -> Array:
+        """Return the coefficients of the motion of a problem with other splines."""
+        shares = np.linspace(0.0, 1.0, 4 * self.basis.segments + 1)[1:-1]
+        rows = other.basis.design(shares) @ other.shaped(x)
+        rows += other.basis.fixed(*self.postures, shares)
+        wanted = rows - self.basis.fixed(*self.postures, shares)
+        found = np.linalg.lstsq(self.basis.design(shares), wanted)[0]
+        return np.concatenate([found.T.ravel(), x[other.at_duration :]])
 
     def shaped(self, x: Array) -> Array:
-        """Return coefficients (count,), joint by joint, as (free, driven)."""
-        return np.asarray(x.reshape(len(self.start), -1).T)
+        """Return the splines' coefficients (free, driven)."""
+        return np.asarray(x[: self._splines].reshape(len(self._way), -1).T)
 
-    def run(self, x: Array, swing: EndSwing) -> Driven:
-        """Return the motion of all coordinates."""
-        design, fixed = self._middle
-        between = self.driven.all(design @ self.shaped(x) + fixed, 2)
-        q, qd = self.driven.all(self.rows(x, 0)), self.driven.all(self.rows(x, 1), 1)
-        return swing.run(q, qd, between)
-
-    def sensitivity(self, x: Array, motion: Driven, swing: EndSwing) -> tuple[Array, Array]:
-        """Return how the swing's error (m, count) and torques (k, driven, count) change."""
-        qdd = self.driven.all(self.rows(x, 2), 2)
-        error, force = swing.sensitivity(motion, qdd, self.designs)
-        torque = np.einsum('kjc,ji->kic', force, self.driven.ties)
-        return self._by_driven(error), self._by_driven(torque)
-
-    def _by_driven(self, rows: Array) -> Array:
-        """Reduce a sensitivity from all joints to the driven ones."""
-        whose = rows.reshape(*rows.shape[:-1], -1, self.basis.free)
-        found = np.einsum('...jf,ji->...if', whose, self.driven.ties)
-        return np.asarray(found.reshape(*rows.shape[:-1], -1))
-
-    def torque(self, motion: Driven, qdd: Array) -> Array:
-        """Return the driven joints' torques (k, driven) of accelerations (k, driven)."""
-        force, _ = self.robot.hybrid_dynamics(motion.q, motion.qd, self.driven.all(qdd, 2))
-        return self.driven.torque(force)
-
-    def _least_jerk(self) -> tuple[Array, Array, Callable[[Array], float]]:
-        """Return H, g and x -> cost: the mean square of the jerk, on the limits' scale."""
-        duration, joints = self.basis.duration, len(self.start)
-        times = np.linspace(0.0, duration, 8 * len(self._points))
-        limit = self.limits.acceleration
-        scale = duration / np.where(np.isfinite(limit), limit, 1.0)
-        one = self.basis.design(times, 3) / np.sqrt(len(times))
-        fixed = self.basis.ends(self.start, self.end, times, 3) / np.sqrt(len(times)) * scale
-        design = np.kron(np.diag(scale), one)
-        right = fixed.T.ravel()
-        assert design.shape == (joints * len(times), self._count)
-        return (
-            design.T @ design,
-            design.T @ right,
-            lambda x: float(0.5 * np.sum((design @ x + right) ** 2)),
+    def run(self, x: Array) -> TimedRest:
+        """Return the motion with coefficients, whatever rings at its end."""
+        self._check()
+        duration, c = float(x[self._splines]), self.shaped(x)
+        rows = [
+            (design @ c + fixed) / duration**order
+            for order, (design, fixed) in enumerate(zip(self._designs, self._fixed, strict=True))
+        ]
+        between = self.driven.all((self._between[0] @ c + self._between[1]) / duration**2, 2)
+        q, qd, qdd = (self.driven.all(row, order) for order, row in enumerate(rows))
+        step = duration / self.count
+        motions = [swing.run(step, q, qd, between) for swing in self.swings]
+        errors = tuple(
+            swing.error(motion) for swing, motion in zip(self.swings, motions, strict=True)
+        )
+        own = motions[0]
+        nodes = slice(None, None, self._every)
+        at = self._moments(own.q[nodes], own.qd[nodes], qdd[nodes])
+        shares = self.rows.values(at, step * self._every)
+        shares = shares * self.rows.narrowed(self.shares[nodes])
+        passed = np.zeros((len(shares), len(self._goals)))
+        if len(self._goals):
+            passed[0], _ = self._passed(x, own)
+        return TimedRest(
+            x,
+            duration,
+            self._cost(x, errors),
+            np.hstack([shares, passed]),
+            at,
+            own,
+            qdd,
+            errors,
         )
 
-    def _limit_rows(self) -> tuple[Array, Array]:
-        """Return G, h of G x <= h for limits of positions and their derivatives."""
-        joints, points = len(self.start), self._points
-        limits = self.limits
-        rows: list[Array] = [np.zeros((0, self._count))]
-        most: list[Array] = [np.zeros(0)]
-        columns = [(-limits.lower, limits.upper)]
-        columns += [(each, each) for each in (limits.velocity, limits.acceleration, limits.jerk)]
-        for order, (below, above) in enumerate(columns):
-            design = self.basis.design(points, order)
-            fixed = self.basis.ends(self.start, self.end, points, order)
-            for sign, limit in ((1.0, above), (-1.0, below)):
-                for j in np.flatnonzero(np.isfinite(limit)):
-                    unit = np.zeros((1, joints))
-                    unit[0, j] = sign
-                    rows.append(np.asarray(np.kron(unit, design), dtype=np.float64))
-                    most.append(np.asarray(limit[j] - sign * fixed[:, j]))
-        return np.vstack(rows), np.concatenate(most)
+    def _moments(self, q: Array, qd: Array, given: Array) -> Moments:
+        robot = self.robot
+        q, qd = np.ascontiguousarray(q), np.ascontiguousarray(qd)
+        force, free = robot.hybrid_dynamics(q, qd, given)
+        qdd = np.zeros_like(q)
+        qdd[:, robot.joint_indices], qdd[:, robot.free_indices] = given, free
+        return Moments(q, qd, qdd, self.driven.torque(force))
 
-    def _effort_rows(self, x: Array, torque: Array, gain: Array) -> tuple[Array, Array]:
-        """Return G, h of G x <= h for torques that change by `gain` (k, driven, count)."""
-        even = np.linspace(0, len(self.t) - 1, len(self._points) + 2).astype(int)[1:-1]
-        at = np.unique(np.concatenate([even, torque.argmax(axis=0), torque.argmin(axis=0)]))
-        torque = torque[at]
-        rows, most = [np.zeros((0, self._count))], [np.zeros(0)]
-        for j in np.flatnonzero(np.isfinite(self.limits.effort)):
-            for sign in (1.0, -1.0):
-                rows.append(sign * gain[at, j])
-                most.append(self.limits.effort[j] - sign * (torque[:, j] - gain[at, j] @ x))
-        return np.vstack(rows), np.concatenate(most)
+    def _passed(self, x: Array, motion: Driven) -> tuple[Array, Array]:
+        """Return how far tips are from the waypoints over the radius (w,), and how by q (w, n)."""
+        assert self.waypoints is not None
+        q = self._interpolated(motion.q, x[self._splines + 1 :])
+        frame = self.waypoints.frame
+        off = self.robot.frame_pose(frame, q)[:, :3, 3] - self._goals
+        size = np.linalg.norm(off, axis=1)
+        along = off / np.maximum(size, 1e-12)[:, None]
+        gain = np.einsum('wc,wcn->wn', along, self.robot.frame_jacobian(frame, q)[:, :3])
+        return size / self.waypoints.radius, gain / self.waypoints.radius
 
-    def plain(self) -> Array:
-        """Return the coefficients (count,) of the least jerk within limits."""
-        nothing = np.zeros((0, self._count)), np.zeros(0)
-        scale = float(np.trace(self._hessian)) / self._count
-        found = solve_bounded(self._hessian / scale, self._drift / scale, nothing, self._bounds)
-        if found is None:
-            raise self._failure('the limits of velocity, acceleration and jerk leave no motion')
+    def _interpolated(self, rows: Array, shares: Array) -> Array:
+        """Return rows (k, ...) at shares (w,) of the duration, linear between steps."""
+        at = np.clip(shares, 0.0, 1.0) * self.count
+        low = np.minimum(at.astype(np.int64), self.count - 1)
+        part = (at - low).reshape(-1, *np.ones(rows.ndim - 1, dtype=np.int64))
+        return np.ascontiguousarray((1.0 - part) * rows[low] + part * rows[low + 1])
+
+    def solve(self, coefficients: Array, near: tuple[TimedRest, Array] | None) -> TimedRest:
+        """Return the motion with coefficients (p,) that is at rest at its end."""
+        if near is None:
+            found, back = self.run(coefficients), None
+        else:
+            old, change = near
+            by = self.change(old)
+            found, back = self.run(old.coefficients + by.resting @ change), by.back
+        left = np.inf
+        for _ in range(NEWTON):
+            before, left = left, self.left(found)
+            if left <= EXACT or (back is None and left > before):
+                break
+            if back is not None and left > SLOWLY * before:
+                back = None
+            step = self.change(found).back if back is None else back
+            found = self.run(found.coefficients - step @ found.errors[0])
+        left = self.left(found)
+        if not left <= QUIET:
+            raise self.failure(found.duration, f'{100.0 * left:.3g} % of the swing is left')
         return found
 
-    def _failure(self, why: str) -> SolverError:
+    def left(self, solution: TimedRest) -> float:
+        """Residual vibration as a share of the plain motion's."""
+        return float(np.linalg.norm(solution.errors[0])) / self.size
+
+    def failure(self, duration: float, why: str) -> SolverError:
+        """Return the error of a motion that was not found."""
         return SolverError(
-            f'{self.robot.tree.name}: rest to rest in {self.basis.duration:.4g} s must be '
-            f'possible, got none: {why}'
+            f'{self.robot.tree.name}: rest to rest in {duration:.4g} s must be possible, got '
+            f'none: {why}'
         )
 
-    def near(self, motion: RestMotion) -> Array:
-        """Return the coefficients (count,) of a motion of another duration, stretched to this."""
-        shares = np.linspace(0.0, 1.0, 4 * self.basis.free + 2)[1:-1]
-        wanted = motion.basis.rows(
-            motion.coefficients, *motion.ends, shares * motion.duration
-        ) - self.basis.ends(self.start, self.end, shares * self.basis.duration)
-        design = self.basis.design(shares * self.basis.duration)
-        return np.asarray(np.linalg.lstsq(design, wanted)[0].T.ravel())
+    def change(self, here: TimedRest) -> _Change:
+        """Return the derivatives of a motion, kept with it."""
+        if not here.change:
+            here.change.append(self._changed(here))
+        return here.change[0]
 
-    def solve(
-        self, check: Callable[[], None], near: RestMotion | None = None
-    ) -> tuple[Array, Driven, float]:
-        """Return coefficients, motion and the share of the plain motion's swing that is left.
-
-        The search begins at the plain motion, or at one of another duration.
-        """
-        x = self.plain()
-        point = self._point(x)
-        if np.abs(self.end - self.start).max(initial=0.0) <= STANDS:
-            return x, point.motions[0], 0.0
-        sizes = float(np.linalg.norm(point.errors[0])), max(self._cost(x), 1e-9)
-        if near is not None:
-            x = self.near(near)
-            point = self._point(x)
-        best, best_round, nearest, part = np.inf, 0, point, 0
-        for round_ in range(ROUNDS):
-            check()
-            first = max(part - 1, 0) if round_ < DESCENT else RESTING
-            found = self._nearer(x, point, sizes, first)
-            if found is None:
-                raise self._failure(
-                    f'the limits but for effort leave {100.0 * point.left(sizes[0]):.3g} % of the '
-                    'swing'
+    def _changed(self, here: TimedRest) -> _Change:
+        p, duration = self._splines, here.duration
+        joints = self.robot.joint_indices
+        drives = []
+        for order, design in enumerate(self._designs):
+            whole = np.zeros((len(design), len(joints), self._count))
+            whole[:, :, :p] = np.einsum(
+                'ji,kf->kjif', self.driven.ties, design / duration**order
+            ).reshape(len(design), len(joints), p)
+            drives.append(whole)
+        drives[1][:, :, p] = -here.motion.qd[:, joints] / duration
+        drives[2][:, :, p] = -2.0 * here.qdd / duration
+        stretch = np.zeros(self._count)
+        stretch[p] = 1.0 / duration
+        step = duration / self.count
+        motion = here.motion
+        own = self.swings[0].change(step, motion, here.qdd, tuple(drives), stretch, self._every)
+        errors = [own.error]
+        if len(self.swings) > 1:
+            q, qd = motion.q[:, joints], motion.qd[:, joints]
+            for swing in self.swings[1:]:
+                other = swing.run(step, q, qd, motion.qdd_joints)
+                errors.append(
+                    swing.change(step, other, here.qdd, tuple(drives), stretch, None).error
                 )
-            there, point, part = found
-            moved = float(np.abs(there - x).max())
-            x = there
-            settled = len(self.swings) == 1 or moved < 1e-3 * np.ptp(x)
-            left = point.left(sizes[0])
-            if left <= QUIET and (settled or round_ >= ENOUGH) and self._kept(point):
-                return x, point.motions[0], left
-            off = self._off(point, sizes)
-            if off < NEARER * best:
-                best, best_round, nearest = off, round_, point
-            elif part == len(PARTS) or round_ >= best_round + STALLED:
-                break
-        excess, left = self._excess(nearest), nearest.left(sizes[0])
-        raise self._failure(
-            f'the search ends where {100.0 * left:.3g} % of the swing is left and the effort is '
-            f'{100.0 * excess:.3g} % beyond its limit'
+        by = own.error[:, :p]
+        towards = scipy.linalg.cho_solve(self._smooth, by.T)
+        back = np.zeros((self._count, len(by)))
+        back[:p] = towards @ np.linalg.pinv(by @ towards, rcond=1e-10, hermitian=True)
+        resting = np.eye(self._count) - back @ own.error
+        return _Change(tuple(errors), own, resting, back)
+
+    def jacobian(self, solution: TimedRest) -> Array:
+        """Return the derivatives (k r, p) of the shares, row by row."""
+        by = self.change(solution)
+        robot, p, step = self.robot, self._splines, solution.duration / self.count
+        nodes = slice(None, None, self._every)
+        moments = Moments(*by.own.moments[:3], self.driven.ties.T @ by.own.moments.torque)
+        rows = self.rows.changes(solution.at, step * self._every, moments)
+        rows *= self.rows.narrowed(self.shares[nodes])[:, :, None]
+        for k, name in enumerate(self.rows.names):  # differences are over longer steps
+            order = DIFFERENCES.get(name.split()[0], 0)
+            rows[:, k, p] -= order * solution.shares[:, k] / solution.duration
+        passed = np.zeros((len(rows), len(self._goals), self._count))
+        if len(self._goals):
+            _, gain = self._passed(solution.coefficients, solution.motion)
+            at = solution.coefficients[p + 1 :]
+            dq = np.zeros((len(at), robot.n, self._count))
+            free = robot.free_indices
+            dq[:, free] = self._interpolated(by.own.states[:, : len(free)], at)
+            designs = np.einsum('ji,wf->wjif', self.driven.ties, self.basis.design(at))
+            dq[:, robot.joint_indices, :p] = designs.reshape(len(at), -1, p)
+            changes = np.einsum('wn,wnp->wp', gain, dq)
+            pace = solution.duration * self._interpolated(solution.motion.qd, at)
+            w = np.arange(len(at))
+            changes[w, p + 1 + w] += np.einsum('wn,wn->w', gain, pace)
+            passed[0] = changes
+        whole = np.concatenate([rows, passed], axis=1).reshape(-1, self._count)
+        return np.asarray(whole - (whole @ by.back) @ by.errors[0])
+
+    def motion(self, found: TimedRest) -> RestMotion:
+        """Return a motion that was found."""
+        times, shaped = self.shares * found.duration, self.shaped(found.coefficients)
+        return RestMotion(
+            found.duration,
+            times,
+            found.motion,
+            self.left(found),
+            self.basis,
+            shaped,
+            *self.postures,
+            self.driven,
         )
 
-    def _point(self, x: Array) -> _Point:
-        """Motions of all robots with coefficients (count,), and their residual vibration."""
-        motions = [self.run(x, swing) for swing in self.swings]
-        errors = [swing.error(motion) for swing, motion in zip(self.swings, motions, strict=True)]
-        torque = self.torque(motions[0], self.rows(x, 2))
-        return _Point(motions, errors, torque)
+    def plan(self, found: TimedRest) -> Plan:
+        """Return the plan of a motion, in finer steps."""
+        return self.to_plan(self.motion(found))
 
-    def _excess(self, point: _Point) -> float:
-        """Return by how much the torques exceed their limits, as a share of these."""
-        with np.errstate(invalid='ignore'):
-            share = float((np.abs(point.torque).max(axis=0) / self.limits.effort).max(initial=0.0))
-        return max(share - 1.0, 0.0)
+    def places(self, plan: Plan) -> Array:
+        """Return the places along the motion (k,), 0 to 1, of a plan's rows."""
+        return np.asarray((plan.t - plan.t[0]) / (plan.t[-1] - plan.t[0]))
 
-    def _off(self, point: _Point, sizes: tuple[float, float]) -> float:
-        """Return how far a motion is from rest within its efforts."""
-        found = max(point.left(sizes[0]), QUIET) + self._excess(point)
-        return found if np.isfinite(found) else np.inf
 
-    def _costs(self, x: Array, point: _Point, sizes: tuple[float, float]) -> float:
-        """Return the jerk and the swing with other frequencies of a motion."""
-        size, jerk = sizes
-        rung = sum(float(error @ error) for error in point.errors[1:])
-        return self._cost(x) / jerk + 0.5 * ROBUSTNESS / size**2 * rung
+# of limits that LimitRows takes by differences in time, their order
+DIFFERENCES = {'jerk': 1, 'effort_rate': 1, 'tip_speed': 1, 'tip_acceleration': 2}
 
-    def _nearer(
-        self, x: Array, point: _Point, sizes: tuple[float, float], first: int
-    ) -> tuple[Array, _Point, int] | None:
-        """Return the point of a step that rests better or costs less, and which part it goes.
 
-        One more than there are, where no part does; None: the limits leave no step.
-        """
-        off, cost = self._off(point, sizes), self._costs(x, point, sizes)
-        step = self._linear(x, point, sizes)
-        last = None
-        for part in range(first, len(PARTS)):
-            cheaper, share = PARTS[part]
-            goal = step(cheaper)
-            if goal is None:
-                continue
-            there = x + share * (goal - x)
-            found = self._point(there)
-            reached = self._off(found, sizes)
-            is_cheaper = self._costs(there, found, sizes) <= cost or part >= RESTING
-            if reached <= max(NEARER * off, 2.0 * QUIET) or (reached < off and is_cheaper):
-                return there, found, part
-            last = there, found, len(PARTS)
-        return last
+@dataclass(frozen=True)
+class RestSearch:
+    """A search for motions between two postures.
 
-    def _linear(
-        self, x: Array, point: _Point, sizes: tuple[float, float]
-    ) -> Callable[[float], Array | None]:
-        """Return the goal of the quadratic program about a point, by its part of the least cost.
+    Attributes
+    ----------
+    robots : list of Robot
+        The robot itself, and those with other frequencies.
+    driven : DrivenJoints
+    postures : pair of (driven,) arrays
+    limits : PlanLimits
+    rows : LimitRows
+    modes, robustness, waypoints, check
+        As of :func:`rest_to_rest`.
+    """
 
-        It is at rest to first order, None where the limits leave none.
-        """
-        size, jerk = sizes
-        hessian, gradient = self._hessian / jerk, self._drift / jerk
-        weight = ROBUSTNESS / size**2
-        rows, torque = self.sensitivity(x, point.motions[0], self.swings[0])
-        for k in range(1, len(self.swings)):
-            others, _ = self.sensitivity(x, point.motions[k], self.swings[k])
-            hessian = hessian + weight * others.T @ others
-            gradient = gradient - weight * others.T @ (others @ x - point.errors[k])
-        more = self._effort_rows(x, point.torque, torque)
-        bounds = tuple(np.concatenate(pair) for pair in zip(self._bounds, more, strict=True))
-        there = hessian @ x
+    robots: list[Robot]
+    driven: DrivenJoints
+    postures: tuple[Array, Array]
+    limits: PlanLimits
+    rows: LimitRows
+    modes: int | None
+    waypoints: Waypoints | None
+    check: Callable[[], None]
 
-        equality = rows, rows @ x - point.errors[0]
-
-        @functools.cache
-        def goal(cheaper: float) -> Array | None:
-            drawn = cheaper * gradient - (1.0 - cheaper) * there
-            found = solve_bounded(hessian, drawn, equality, (bounds[0], bounds[1]))
-            if found is None and len(more[1]):
-                found = self._exceeding(hessian, drawn, equality, more)
-            return found
-
-        return goal
-
-    def _exceeding(
+    def plan(
         self,
-        hessian: Array,
-        gradient: Array,
-        equality: tuple[Array, Array],
-        efforts: tuple[Array, Array],
-    ) -> Array | None:
-        """Return the coefficients whose efforts exceed their limits by the least share.
-
-        One variable more, >= 0: the share by which all efforts may be beyond their limits.
-        """
-        count = len(gradient)
-        wider = np.zeros((count + 1, count + 1))
-        wider[:count, :count] = hessian
-        wider[count, count] = EXCESS
-        first = np.append(gradient, EXCESS)
-        rows, right = np.pad(equality[0], ((0, 0), (0, 1))), equality[1]
-        gains, room = efforts
-        limit = np.repeat(self.limits.effort[np.isfinite(self.limits.effort)], 2)
-        each = np.repeat(limit, len(room) // len(limit))
-        inside = np.hstack([gains, -each[:, None]])
-        positive = np.zeros((1, count + 1))
-        positive[0, -1] = -1.0
-        bounds = (
-            np.vstack([np.pad(self._bounds[0], ((0, 0), (0, 1))), inside, positive]),
-            np.concatenate([self._bounds[1], room, [0.0]]),
+        duration: float | None,
+        to_plan: Callable[[RestMotion], Plan],
+        progress: Callable[[float], object],
+        stopped: Callable[[], bool],
+    ) -> Plan:
+        """Return the plan of a duration [s], or the shortest, within all limits."""
+        problem, found, gains, settled = self.found(duration, progress, stopped)
+        problem.to_plan = to_plan
+        return checked_plan(
+            problem, Found(found, found.coefficients, gains, 0, settled), self.rows, stopped
         )
-        # costs on the scale that the quadratic program is solved on
-        found = solve_bounded(wider / EXCESS, first / EXCESS, (rows, right), bounds)
-        return None if found is None else found[:count]
 
-    def _kept(self, point: _Point) -> bool:
-        """Say whether the torques keep their limits, to five thousandths."""
-        return self._excess(point) <= 0.005
+    def found(
+        self,
+        duration: float | None,
+        progress: Callable[[float], object],
+        stopped: Callable[[], bool],
+    ) -> tuple[RestProblem, TimedRest, Array, bool]:
+        """Return the problem, the motion, the limits' gains, and whether the search settled.
+
+        Of a duration [s], or the shortest.
+        """
+        limits = self.limits.joints.of(self.driven.places)
+        least = _least(self.postures, limits)
+        if duration is None:
+            self._require_pace()
+            return self._shortest(progress, stopped)
+        if np.abs(self.postures[1] - self.postures[0]).max() <= STANDS and self.waypoints is None:
+            problem = self._problem(duration)
+            problem.refine(duration, 1)
+            return (
+                problem,
+                problem.run(problem.plain(duration)),
+                np.zeros(len(problem.names)),
+                True,
+            )
+        problem = self._problem(duration)
+        if duration <= least:
+            raise problem.failure(
+                duration,
+                'the limits of velocity, acceleration and jerk leave no motion; these limits '
+                f'take {least:.4g} s at least',
+            )
+        why: SolverError | None = None
+        try:
+            result = self._timed(problem, problem.plain(duration), progress, stopped)
+            if result[1].duration <= (1.0 + ON_TIME) * duration:
+                return result
+        except CancelledError:
+            raise
+        except SolverError as error:
+            why = error
+        shortest_problem, found, *_ = self._shortest(progress, stopped)
+        if found.duration <= duration:  # the joints may wait
+            problem = self._problem(duration, shortest_problem.basis)
+            first = found.coefficients.copy()
+            first[problem.at_duration] = duration
+            problem.fixed = True
+            with suppress(SolverError):
+                result = self._timed(problem, first, progress, stopped)
+                if result[1].duration <= (1.0 + ON_TIME) * duration:
+                    return result
+        reason = '' if why is None else f'; {why}'
+        raise problem.failure(
+            duration, f'the shortest motion that was found takes {found.duration:.4g} s{reason}'
+        )
+
+    def _require_pace(self) -> None:
+        """Refuse a shortest motion that nothing bounds, or that stands."""
+        ways = np.abs(self.postures[1] - self.postures[0])
+        if self.waypoints is not None:
+            ways = np.abs(self.waypoints.postures - self.postures[0])
+        paced = any(name.split()[0] in PACED for name in self.rows.names)
+        if not (paced and ways.max(initial=0.0) > STANDS):
+            raise StateError(
+                f'{self.robots[0].tree.name}: the shortest motion needs a way to go and limits of '
+                'velocity, acceleration, effort or such, got none; give a duration'
+            )
+
+    def _problem(self, duration: float, basis: RestBasis | None = None) -> RestProblem:
+        """Return the problem of a duration, 0: the shortest."""
+        limits = self.limits.joints.of(self.driven.places)
+        if basis is None:
+            last = self.driven.all(self.postures[1])
+            fastest = float(ringing_modes(self.robots[0], last, self.modes).frequencies.max())
+            wanted = int(np.ceil(SEGMENTS_PER_PERIOD * fastest * duration))
+            basis = RestBasis(min(max(wanted, SEGMENTS[0]), SEGMENTS[1]))
+        return RestProblem(
+            self.robots if duration else self.robots[:1],
+            self.driven,
+            self.postures,
+            self.rows,
+            basis,
+            duration,
+            self.modes,
+            np.where(np.isfinite(limits.acceleration), limits.acceleration, 1.0),
+            self.waypoints,
+            self.check,
+        )
+
+    def _timed(
+        self,
+        problem: RestProblem,
+        first: Array,
+        progress: Callable[[float], object],
+        stopped: Callable[[], bool],
+    ) -> tuple[RestProblem, TimedRest, Array, bool]:
+        """Return the smoothest motion in the wanted duration, or in little more."""
+        wanted = problem.wanted
+        problem.refine(wanted, 1)
+        rounds = FEW if problem.fixed else SMOOTHER
+        found = shortest(problem, first, progress, stopped, rounds)
+        solution = found.solution
+        if solution.duration <= (1.0 + ON_TIME) * wanted:
+            exact = solution.coefficients.copy()
+            exact[problem.at_duration] = wanted
+            solution = problem.solve(exact, None)
+        return problem, solution, found.gains, found.settled
+
+    def _shortest(
+        self, progress: Callable[[float], object], stopped: Callable[[], bool]
+    ) -> tuple[RestProblem, TimedRest, Array, bool]:
+        """Return the shortest motion: with few segments and coarse steps first, then with all."""
+        joints = len(self.postures[0])
+        segments = min(max(UNKNOWNS // joints, LEAST_FINE), FINEST)
+        rough = self._problem(0.0, RestBasis(segments // 2, 3, 3))
+        first = self._begin(rough)
+        rough.refine(float(first[rough.at_duration]), 0)
+        found = shortest(rough, first, lambda share: progress(0.6 * share), stopped, ROUNDS)
+        problem = self._problem(0.0, RestBasis(2 * (segments // 2), 3, 3))
+        problem.refine(found.solution.duration, 1)
+        start = problem.near(rough, found.coefficients)
+
+        def rest(share: float) -> object:
+            return progress(0.6 + 0.4 * share)
+
+        try:
+            found = shortest(problem, start, rest, stopped, ROUNDS // 3)
+        except CancelledError:
+            raise
+        except SolverError:
+            found = shortest(problem, problem.kept(start), rest, stopped, ROUNDS // 3)
+        return problem, found.solution, found.gains, found.settled
+
+    def _begin(self, problem: RestProblem) -> Array:
+        """Return the plain motion, so slow that it keeps its limits."""
+        limits = self.limits.joints.of(self.driven.places)
+        seconds = max(2.0 * _least(self.postures, limits), 1.0 / problem.fastest)
+        for _ in range(GUESSES):
+            problem.refine(seconds, 0)
+            most = 1.0 + excess(problem.run(problem.plain(seconds)))
+            if most <= 1.0 + NEAR:
+                break
+            seconds *= max(np.sqrt(most), 1.05)
+        return problem.plain(1.1 * seconds)
 
 
 def rest_to_rest(
@@ -414,8 +815,8 @@ def rest_to_rest(
 ) -> RestMotion:
     """Return a joint motion between two postures that ends with every mode at rest.
 
-    Of all such motions it has the least mean square jerk. It begins and ends in static
-    equilibrium, with no velocity, acceleration and jerk.
+    Of all such motions of a duration it has the least mean square jerk. It begins and ends in
+    static equilibrium, with no velocity and acceleration, and no jerk where a duration is given.
 
     Parameters
     ----------
@@ -424,14 +825,14 @@ def rest_to_rest(
     start, end : (joints,) arrays
         Postures [rad, m]; mimic joints follow their leaders.
     duration : float, optional
-        s; default the shortest within the limits, to 2 %.
+        s; default the shortest within the limits.
     limits : JointLimits, optional
         Default those of the URDF.
     modes : int, optional
         How many modes rest, from the lowest; default those below ten times the lowest.
     robustness : float
         Share by which the modes' frequencies may be off: the swing of robots that are so much
-        stiffer and softer is weighed against the jerk.
+        stiffer and softer is weighed against the jerk, of a motion with a duration.
     check : callable
         Called now and then; what it raises ends the search.
 
@@ -444,32 +845,49 @@ def rest_to_rest(
 
     Notes
     -----
-    The joints are quintic splines. Newton's method on the nonlinear dynamics: each round simulates
-    the motion, takes the derivatives of what rings at its end and of the torques by the
-    linearization along it, and solves a quadratic program for the coefficients.
+    Sequential convex programming (:func:`shortest`) over the coefficients of splines and the
+    duration. Each round simulates the motion on the nonlinear dynamics and takes the derivatives
+    of what rings at its end and of all limits by the linearization along it.
     """
+    joints = joint_limits(robot) if limits is None else limits
+    search = rest_search(
+        robot, (start, end), PlanLimits(joints, {}, {}, {}), (), modes, robustness, None, check
+    )
+    if duration is not None and not (np.isfinite(duration) and duration > 0.0):
+        raise StateError(f'rest to rest: duration must be > 0 s, got {duration}')
+    problem, found, _, _ = search.found(duration, lambda _share: None, lambda: False)
+    return problem.motion(found)
+
+
+def rest_search(
+    robot: Robot,
+    postures: tuple[ArrayLike, ArrayLike],
+    limits: PlanLimits,
+    frames: tuple[str, ...],
+    modes: int | None,
+    robustness: float,
+    waypoints: Waypoints | None,
+    check: Callable[[], None],
+) -> RestSearch:
+    """Return the search between two postures of all joints, after a check (see above)."""
     robot = robot.copy()
     driven = DrivenJoints(robot, 'rest to rest')
-    limits = joint_limits(robot) if limits is None else limits
-    postures = _checked(robot, driven, start, end, limits)
-    limits = limits.of(driven.places)
+    found = _checked(robot, driven, *postures, limits.joints)
     if not 0.0 <= robustness < 1.0:
         raise StateError(f'rest to rest: robustness must be >= 0 and < 1, got {robustness}')
-    _require_holding(robot, driven, postures, limits)
-    robots = [robot, *(_stiffer(robot, s) for s in (-robustness, robustness) if robustness)]
-
-    def attempt(seconds: float, near: RestMotion | None = None) -> RestMotion:
-        problem = _Problem(robots, driven, postures, seconds, limits, modes)
-        x, states, left = problem.solve(check, near)
-        return RestMotion(
-            seconds, problem.t, states, left, problem.basis, problem.shaped(x), *postures, driven
-        )
-
-    if duration is None:
-        return _shortest(attempt, _least_duration(robot, postures, limits))
-    if not (np.isfinite(duration) and duration > 0.0):
-        raise StateError(f'rest to rest: duration must be > 0 s, got {duration}')
-    return _in_time(attempt, float(duration), _least(postures, limits))
+    _require_holding(robot, driven, found, limits.joints.of(driven.places))
+    links = {body.link for body in robot.tree.bodies}
+    robots = [robot] + [
+        with_stiffness(robot, dict.fromkeys(links, (1.0 + share) ** 2))
+        for share in (-robustness, robustness)
+        if robustness
+    ]
+    rows = LimitRows(robot, robot.indices(driven.names), frames, limits)
+    rest = np.array([robot.static_deflection(driven.all(posture)) for posture in found])
+    still = np.zeros_like(rest)
+    torque = driven.torque(robot.inverse_dynamics(rest, still, still)[:, robot.joint_indices])
+    require_rest(rows.names, rows.values(Moments(rest, still, still, torque), 1.0))
+    return RestSearch(robots, driven, found, limits, rows, modes, waypoints, check)
 
 
 def _checked(
@@ -510,20 +928,19 @@ def _require_holding(
                 )
 
 
-def _stiffer(robot: Robot, share: float) -> Robot:
-    """Return the robot with all beams' frequencies higher by a share."""
+def with_stiffness(robot: Robot, factors: Mapping[str, float]) -> Robot:
+    """Return the robot with the stiffness of links multiplied by factors."""
     changes = {}
     for body in robot.tree.bodies:
+        factor = factors.get(body.link, 1.0)
         if body.modes is not None:
-            factor = body.modes.factor * (1.0 + share) ** 2
-            changes[f'flexible.{body.name}.stiffness'] = factor
+            changes[f'flexible.{body.name}.stiffness'] = body.modes.factor * factor
         if body.beam is None or body.segment > 1:
             continue
         for part, path in (('y', 'y.ei'), ('z', 'z.ei'), ('torsion', 'torsion.gj')):
             deformation = getattr(body.beam, part)
             if deformation is not None and deformation.modes:
-                stiffness = deformation.stiffness * (1.0 + share) ** 2
-                changes[f'beam.{body.name}.{path}'] = stiffness
+                changes[f'beam.{body.name}.{path}'] = deformation.stiffness * factor
     return robot.with_overrides(changes)
 
 
@@ -533,86 +950,3 @@ def _least(postures: tuple[Array, Array], limits: JointLimits) -> float:
     least = np.maximum(way / limits.velocity, 2.0 * np.sqrt(way / limits.acceleration))
     least = np.maximum(least, np.cbrt(32.0 * way / limits.jerk))
     return float(least.max(initial=0.0))
-
-
-def _least_duration(robot: Robot, postures: tuple[Array, Array], limits: JointLimits) -> float:
-    """Return a duration [s] > 0 below which the joints cannot do it."""
-    if not (found := _least(postures, limits)) > 0.0:
-        raise StateError(
-            f'{robot.tree.name}: the shortest motion needs a way to go and limits of velocity or '
-            'acceleration, got none; give a duration'
-        )
-    return found
-
-
-Attempt = Callable[..., RestMotion]
-
-
-def _in_time(attempt: Attempt, seconds: float, least: float) -> RestMotion:
-    """Return the motion of a duration; where it is not found at once, from longer ones.
-
-    Raises
-    ------
-    SolverError
-        There is none; the message has the shortest duration that one was found of.
-    """
-    try:
-        return attempt(seconds)
-    except SolverError as error:
-        first = error
-    if least > LONGER * seconds:
-        raise SolverError(f'{first}; these limits take {least:.4g} s at least') from first
-    found: RestMotion | None = None
-    growth, tried = GROWTH, max(seconds, least)
-    while found is None and growth * tried <= LONGER * max(seconds, least):
-        tried *= growth
-        growth **= 1.5
-        try:
-            found = attempt(tried)
-        except SolverError:
-            continue
-    if found is None:
-        raise SolverError(f'{first}; none was found up to {tried:.4g} s') from first
-    found = _towards(attempt, found, max(seconds, least))
-    motion = _nearby(attempt, seconds, found) if seconds >= least else None
-    if motion is None:
-        raise SolverError(
-            f'{first}; the shortest motion that was found takes {found.duration:.4g} s'
-        ) from first
-    return motion
-
-
-def _towards(attempt: Attempt, found: RestMotion, below: float) -> RestMotion:
-    """Return the motion of the shortest duration above one that has none, to `CLOSE`."""
-    while found.duration > CLOSE * below:
-        middle = float(np.sqrt(found.duration * below))
-        motion = _nearby(attempt, middle, found)
-        if motion is None:
-            below = middle
-        else:
-            found = motion
-    return found
-
-
-def _nearby(attempt: Attempt, seconds: float, near: RestMotion) -> RestMotion | None:
-    """Return the motion of a duration, by one of another duration; None: there is none."""
-    for start in (near, None):
-        try:
-            return attempt(seconds, start)
-        except SolverError:
-            continue
-    return None
-
-
-def _shortest(attempt: Attempt, least: float) -> RestMotion:
-    """Return the motion of the shortest duration that has one, to `CLOSE`."""
-    below, above = least, least
-    found: RestMotion | None = None
-    while found is None:
-        try:
-            found = attempt(above)
-        except SolverError:
-            below, above = above, GROWTH * above
-            if above > LONGEST * least:
-                raise
-    return _towards(attempt, found, below)

@@ -16,7 +16,9 @@ from denoc_ros.control.joint_plans import (
     ShaperOptions,
     rest_motion,
     shaper_motion,
+    with_spread,
 )
+from denoc_ros.control.limit_rows import LimitOptions
 from denoc_ros.control.plan import Plan
 from denoc_ros.control.reaction import falling
 from denoc_ros.control.tip import tip_motion
@@ -155,10 +157,13 @@ def shape_motion(
             f'shape_motion: method must be one of {", ".join(METHODS)}, got {method!r}'
         )
     at, joints = _motion(robot, times, q_joints)
-    if not flies:
-        return planner(falling(robot), at, joints, tip_frames(robot, tip), **options)
-    held = held_robot(robot)
-    return on_thrusters(robot, planner(held, at, joints, tip_frames(held, tip), **options))
+    planned = held_robot(robot) if flies else falling(robot)
+    frames = tip_frames(planned, tip)
+    plan = planner(planned, at, joints, frames, **options)
+    known = {each.name for each in fields(LimitOptions)}
+    given = {name: value for name, value in options.items() if name in known}
+    plan = with_spread(planned, plan, frames, LimitOptions(**given))
+    return on_thrusters(robot, plan) if flies else plan
 
 
 def _flies(robot: Robot, base: str | None) -> bool:

@@ -159,8 +159,32 @@ class TipGrids:
         return TipProblem(robot, driven, targets, rows, draw, smooth, asked.duration)
 
     def plan(self, grid: TipGrid, asked: Motion) -> Plan:
-        """Return the plan of a motion on the grid, on finer times."""
-        return _plan(grid, asked, self.options.output_step or OUTPUT)
+        """Return the plan of a motion on the grid, on finer times, with its torque and errors."""
+        problem, nodes, step, robot = grid.problem, grid.nodes, grid.step, self.robot
+        fine = max(1, math.ceil(step / (self.options.output_step or OUTPUT) - 1e-9))
+        t = nodes[0] + step / fine * np.arange((len(nodes) - 1) * fine + 1)
+        motion = grid.motion.sample(t)
+        if len(problem.base):
+            require_attitude(robot, motion[0][:, problem.base[ATTITUDE]])
+        errors = [
+            replace(target, poses=asked.poses(target.frame, t)).error(robot, motion[0])
+            for target in problem.targets
+        ]
+        plan = self.plan_of(t, motion, problem.torque(*motion, _multipliers(grid, t)))
+        return replace(
+            plan,
+            tip_error=np.max([np.linalg.norm(error[0], axis=1) for error in errors], axis=0),
+            tip_turn=np.max([np.linalg.norm(error[1], axis=1) for error in errors], axis=0),
+            preaction=-float(nodes[0]),
+            postaction=float(nodes[-1]) - asked.duration,
+            equation_error=_between(grid),
+        )
+
+    def plan_of(self, t: Array, motion: tuple[Array, Array, Array], torque: Array) -> Plan:
+        """Return the plan of coordinates, rates and accelerations at times, without an error."""
+        coordinates, none = tuple(self.robot.coordinate_names), np.zeros(len(t))
+        joints = tuple(coordinates[k] for k in self.driven)
+        return Plan('tip', t, *motion, torque, joints, coordinates, none, none)
 
 
 def _halved(grid: TipGrid) -> Rest:
@@ -248,34 +272,3 @@ def _reporter(options: TipOptions) -> Callable[[int, float], None]:
             )
 
     return report
-
-
-def _plan(grid: TipGrid, asked: Motion, output_step: float) -> Plan:
-    """Return the plan of a motion on the grid, on finer times, with its torque and errors."""
-    problem, nodes, step = grid.problem, grid.nodes, grid.step
-    robot = problem.robot
-    fine = max(1, math.ceil(step / output_step - 1e-9))
-    t = nodes[0] + step / fine * np.arange((len(nodes) - 1) * fine + 1)
-    q, qd, qdd = grid.motion.sample(t)
-    torque = problem.torque(q, qd, qdd, _multipliers(grid, t))
-    if len(problem.base):
-        require_attitude(robot, q[:, problem.base[ATTITUDE]])
-    errors = [
-        replace(target, poses=asked.poses(target.frame, t)).error(robot, q)
-        for target in problem.targets
-    ]
-    return Plan(
-        method='tip',
-        t=t,
-        q=q,
-        qd=qd,
-        qdd=qdd,
-        torque=torque,
-        joint_names=tuple(robot.coordinate_names[k] for k in problem.driven),
-        coordinate_names=tuple(robot.coordinate_names),
-        tip_error=np.max([np.linalg.norm(error[0], axis=1) for error in errors], axis=0),
-        tip_turn=np.max([np.linalg.norm(error[1], axis=1) for error in errors], axis=0),
-        preaction=-float(nodes[0]),
-        postaction=float(nodes[-1]) - asked.duration,
-        equation_error=_between(grid),
-    )

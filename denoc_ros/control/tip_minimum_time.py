@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import TypeVar
 
 import numpy as np
 import scipy.optimize
@@ -16,7 +14,14 @@ from scipy.interpolate import make_interp_spline
 from denoc_ros.control.asked_motion import AskedMotion, RetimedMotion
 from denoc_ros.control.grid import differences
 from denoc_ros.control.limit_rows import TIPS, LimitRows, Moments
-from denoc_ros.control.minimum_time import Objective, shortest
+from denoc_ros.control.minimum_time import (
+    EXCESS,
+    STEADY,
+    WITHIN,
+    Objective,
+    PathDuration,
+    shortest_plan,
+)
 from denoc_ros.control.plan import Plan
 from denoc_ros.control.timing import Timing, TimingBasis
 from denoc_ros.control.tip_grid import FEWEST, OUTPUT, TipGrid, TipGrids
@@ -28,10 +33,6 @@ from denoc_ros.types import Array
 NODES = 300  # of a motion while its timing is looked for
 SHARPEST = 4.0  # times their median: coefficients of a timing, so that it begins smoothly
 PIECES = 14  # of the splines of a timing
-AGAIN = 3  # times that limits are made narrower where a finer plan is beyond them
-TIGHTEN = 4  # rounds each time
-SLOWER = 8  # times that a motion is made slower where that is not enough
-WITHIN = 1e-3  # share beyond a limit that a plan may be
 CELLS = 200  # of a rigid robot's path
 MOMENTS = 4  # of each cell: its ends, and between
 KNOTS = 800  # of its spline
@@ -64,9 +65,21 @@ class TimedTip:
         """Of the motion [s]."""
         return self.timing.duration
 
+    @property
+    def cost(self) -> float:
+        """That is to be the least: the duration [s]."""
+        return self.timing.duration
+
+    @property
+    def coefficients(self) -> Array:
+        """Of the timing."""
+        return self.timing.coefficients
+
 
 class TipMinimumTime:
     """The search for the timing of a tip-exact motion (see :class:`MinimumTimeProblem`)."""
+
+    price, steady = EXCESS, STEADY
 
     def __init__(
         self, grids: TipGrids, asked: AskedMotion, basis: TimingBasis, rows: LimitRows
@@ -76,9 +89,18 @@ class TipMinimumTime:
         self._window = (0.0, 0.0)
         self._changes: tuple[int, Array] | None = None
 
+    def slower(self, coefficients: Array, factor: float) -> Array:
+        """Return coefficients of a slower timing."""
+        return coefficients / factor
+
+    def places(self, plan: Plan) -> Array:
+        """Return the places along the path (k,), 0 to 1, of a plan's rows."""
+        assert plan.passed is not None
+        return plan.passed / self.length
+
     def program(self, solution: TimedTip) -> Objective:
         """Return the duration's parts."""
-        return Objective(np.diff(self._basis.stations), self._basis.design, SHARPEST)
+        return PathDuration(np.diff(self._basis.stations), self._basis.design, SHARPEST)
 
     def solve(self, coefficients: Array, near: tuple[TimedTip, Array] | None) -> TimedTip:
         """Return the motion with coefficients (p,)."""
@@ -228,6 +250,16 @@ class TimedPath:
         """Of the motion [s]."""
         return self.timing.duration
 
+    @property
+    def cost(self) -> float:
+        """That is to be the least: the duration [s]."""
+        return self.timing.duration
+
+    @property
+    def coefficients(self) -> Array:
+        """Of the timing."""
+        return self.timing.coefficients
+
 
 class RigidMinimumTime:
     """The timing of a rigid robot's path (see :class:`MinimumTimeProblem`).
@@ -236,6 +268,8 @@ class RigidMinimumTime:
     station to station, so that accelerations are constant between them. Stations are closer
     where the path turns: they share its length and its turns evenly.
     """
+
+    price, steady = EXCESS, STEADY
 
     def __init__(self, grids: TipGrids, asked: AskedMotion, rows: LimitRows) -> None:
         self._grids, self._asked, self._rows = grids, asked, rows
@@ -271,9 +305,18 @@ class RigidMinimumTime:
         even = np.linspace(0.0, float(share[-1]), CELLS + 1)
         return np.asarray(np.interp(even, share, self._asked_at))
 
+    def slower(self, coefficients: Array, factor: float) -> Array:
+        """Return coefficients of a slower timing."""
+        return coefficients / factor
+
+    def places(self, plan: Plan) -> Array:
+        """Return the places along the path (k,), 0 to 1, of a plan's rows."""
+        assert plan.passed is not None
+        return plan.passed / self.length
+
     def program(self, solution: TimedPath) -> Objective:
         """Return the duration's parts."""
-        return Objective(self._apart, self._basis.design)
+        return PathDuration(self._apart, self._basis.design)
 
     def solve(self, coefficients: Array, near: tuple[TimedPath, Array] | None) -> TimedPath:
         """Return the motion with coefficients (p,)."""
@@ -329,7 +372,7 @@ class RigidMinimumTime:
 
     def plan(self, found: TimedPath) -> Plan:
         """Return the plan of a motion, in even steps of time."""
-        robot, driven, timing = self._grids.robot, self._grids.driven, found.timing
+        timing = found.timing
         output = self._grids.options.output_step or OUTPUT
         count = max(FEWEST, int(np.ceil(timing.duration / output - 1e-9)))
         t = np.linspace(0.0, timing.duration, count + 1)
@@ -342,22 +385,9 @@ class RigidMinimumTime:
         pace = np.maximum(pace + a * since, 0.0)
         q, slope, bend = (np.asarray(self._path(s, order)) for order in range(3))
         qd, qdd = slope * pace[:, None], slope * a[:, None] + bend * (pace**2)[:, None]
+        plan = self._grids.plan_of(t, (q, qd, qdd), self._torque(q, qd, qdd))
         passed = np.interp(s, self._asked_at, self._moment)
-        none = np.zeros(len(t))
-        return Plan(
-            method='tip',
-            t=t,
-            q=q,
-            qd=qd,
-            qdd=qdd,
-            torque=self._torque(q, qd, qdd),
-            joint_names=tuple(robot.coordinate_names[k] for k in driven),
-            coordinate_names=tuple(robot.coordinate_names),
-            tip_error=none,
-            tip_turn=none,
-            stretch=timing.duration / self._asked.duration,
-            passed=passed,
-        )
+        return replace(plan, stretch=timing.duration / self._asked.duration, passed=passed)
 
 
 def fastest(grids: TipGrids, asked: AskedMotion, rows: LimitRows) -> Plan:
@@ -390,7 +420,7 @@ def fastest(grids: TipGrids, asked: AskedMotion, rows: LimitRows) -> Plan:
     kinds = {name.split()[0] for name in rows.names}
     if robot.n == len(grids.driven) and not kinds & IN_TIME:
         rigid = RigidMinimumTime(own, asked, rows)
-        return _searched(rigid, rigid.first, rows, options)
+        return shortest_plan(rigid, rigid.first, rows, options.progress, options.cancel)
     speed = asked.joint_spline
 
     def fast(times: Array) -> Array:
@@ -403,45 +433,4 @@ def fastest(grids: TipGrids, asked: AskedMotion, rows: LimitRows) -> Plan:
     else:
         first = np.ones(basis.design.shape[1])
         first *= (Timing(basis, first).duration / asked.duration) ** 2
-    return _searched(bent, first, rows, options)
-
-
-def _passed(plan: Plan) -> Array:
-    assert plan.passed is not None
-    return plan.passed
-
-
-P = TypeVar('P', TipMinimumTime, RigidMinimumTime)
-
-
-def _searched(problem: P, first: Array, rows: LimitRows, options: TipOptions) -> Plan:
-    """Return the plan of the shortest motion, made a little slower where it needs that."""
-    cancel = options.cancel or (lambda: False)
-
-    def quiet(_share: float) -> None:
-        """Report nothing."""
-
-    found = shortest(problem, first, options.progress or quiet, cancel)
-    for again in range(AGAIN + SLOWER):
-        plan = problem.plan(found.solution)
-        use = rows.use(plan)
-        beyond = use.shares.max(axis=0, initial=0.0) - 1.0
-        if not beyond.max(initial=0.0) > WITHIN:
-            gains = {name: 0.01 * gain for name, gain in zip(rows.names, found.gains, strict=True)}
-            return replace(plan, limits=replace(use, gains=gains, settled=found.settled))
-        narrowed = None
-        if again < AGAIN and not cancel():
-            # between the moments of the search: there the limits are made narrower
-            rows.narrow(_passed(plan) / problem.length, use.shares)
-            with suppress(SolverError):
-                narrowed = shortest(problem, found.coefficients, quiet, cancel, TIGHTEN)
-        if narrowed is not None:
-            found = narrowed
-        else:
-            slower = found.coefficients / (1.0 + 1.1 * float(beyond.max()))
-            found = replace(found, solution=problem.solve(slower, None), coefficients=slower)
-    name = rows.names[int(beyond.argmax())]
-    raise SolverError(
-        f'shape_motion: {name} must keep its limit, got {1.0 + float(beyond.max()):.4g} times '
-        'that of the shortest motion that was found'
-    )
+    return shortest_plan(bent, first, rows, options.progress, options.cancel)

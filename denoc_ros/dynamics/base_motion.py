@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple, Protocol, TypeVar, cast
 
 import numpy as np
@@ -14,6 +14,8 @@ from denoc_ros.types import Array
 
 Base = Sequence[Any]  # (twist, acceleration) or (twist, acceleration, pose)
 Result = TypeVar('Result')
+# arguments of verbs that may be rows of states
+STATES = ('q', 'qd', 'qdd', 'tau', 'q_joints', 'qdd_joints', 'qdd_actuated')
 ORTHONORMAL = 1e-6  # of a pose's rotation: what a message's float32 or a rounded matrix leaves
 
 
@@ -112,32 +114,24 @@ class HasBase(Protocol):
         """Set the motion of the base for every verb from now on."""
 
 
-def on_base(
-    robot: HasBase,
-    base: Base,
-    verb: Callable[..., Result],
-    *states: ArrayLike,
-    **options: Any,
-) -> Result:
+def on_base(robot: HasBase, verb: Callable[..., Result], given: Mapping[str, Any]) -> Result:
     """Return a verb's result under a base motion; the previous base motion is then restored.
 
     Parameters
     ----------
-    base : (twist, acceleration[, pose])
-        One motion, or one for each row of the states.
     verb : callable
-        Takes the states and the options.
-    *states : (m,) or (k, m) each
-    **options
-        `out` may be an array or several.
+    given : mapping of str
+        Its arguments by name, as locals() has them at its start: `self` is left out, and `base`,
+        (twist, acceleration[, pose]): one motion, or one for each row of the states.
     """
-    motion, before = as_base_motion(base), robot.base_motion
+    options = {name: value for name, value in given.items() if name not in ('self', 'base')}
+    motion, before = as_base_motion(given['base']), robot.base_motion
     count = motion.rows
     try:
         if not count:
             robot.move_base(motion if count is None else None)
-            return verb(*states, **options)
-        return cast('Result', _each_row(robot, motion, count, verb, states, options))
+            return verb(**options)
+        return cast('Result', _each_row(robot, motion, count, verb, options))
     finally:
         robot.move_base(before)
 
@@ -147,12 +141,12 @@ def _each_row(
     motion: BaseMotion,
     count: int,
     verb: Callable[..., Any],
-    states: Sequence[ArrayLike],
     options: dict[str, Any],
 ) -> Any:
     """Return the verb's results of each row with its own motion of the base, stacked."""
-    arrays = [np.asarray(state) for state in states]
-    lengths = {len(array) for array in arrays if array.ndim == 2}
+    states = {name: np.asarray(options[name]) for name in STATES if options.get(name) is not None}
+    split = {name: state for name, state in states.items() if state.ndim == 2}
+    lengths = {len(state) for state in split.values()}
     if lengths - {count}:
         raise StateError(
             f'base and states must have the same number of rows, got {count} and {sorted(lengths)}'
@@ -161,8 +155,7 @@ def _each_row(
     rows = []
     for k in range(count):
         robot.move_base(motion.row(k))
-        row = [array[k] if array.ndim == 2 else array for array in arrays]
-        rows.append(verb(*row, **options))
+        rows.append(verb(**options | {name: state[k] for name, state in split.items()}))
     return _stacked(rows, out)
 
 

@@ -54,6 +54,8 @@ def run_rows(
     """
     rows = tuple([a if a.ndim == 2 else _as_matrix(a) for a in arrays])
     compiled = entry(kernel)
+    if count <= ROWS_PER_THREAD:
+        return compiled(robot.handle, rows, 0, count)
     return run_chunks(robot, count, lambda handle, *edges: compiled(handle, rows, *edges))
 
 

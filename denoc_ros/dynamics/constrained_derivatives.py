@@ -10,11 +10,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from denoc_ros.dynamics.base_motion import Base
+from denoc_ros.dynamics.base_motion import Base, on_base
 from denoc_ros.dynamics.batch import run_chunks
+from denoc_ros.dynamics.constraints import raise_status
 from denoc_ros.dynamics.derivatives import DifferentiableModel
 from denoc_ros.dynamics.tree_dynamics import Wrenches
-from denoc_ros.dynamics.validation import as_outputs, as_rows, as_vector, same_rows
+from denoc_ros.dynamics.validation import as_outputs, as_rows, as_vector, require_finite, same_rows
 from denoc_ros.kernels import constrained_derivative_layout as cdiff_
 from denoc_ros.kernels.compiled import entry
 from denoc_ros.kernels.constrained_derivatives import (
@@ -132,11 +133,10 @@ class DifferentiableMechanism(DifferentiableModel):
             A singular configuration in which no accelerations keep the loops closed.
         """
         if base is not None:
-            verb = self.constrained_forward_dynamics_derivatives
-            return self._on_base(base, verb, q, qd, tau, out=out, wrenches=wrenches)
+            return on_base(self, self.constrained_forward_dynamics_derivatives, locals())
         n = self.n
         states = [as_rows('q', q, n), as_rows('qd', qd, n), as_rows('tau', tau, n)]
-        call = _Call(cdiff_.FORWARD, np.zeros(0, dtype=np.int64), wrenches)
+        call = _Call(cdiff_.FORWARD, np.zeros(0, dtype=np.int64), wrenches, ('q', 'qd', 'tau'))
         return ConstrainedForwardDerivatives(*_find(self, call, states, out))
 
     def constrained_inverse_dynamics_derivatives(
@@ -175,12 +175,10 @@ class DifferentiableMechanism(DifferentiableModel):
             The accelerations open a loop, or are none that these joints can give.
         """
         if base is not None:
-            options = {'actuated': actuated, 'out': out, 'wrenches': wrenches}
-            verb = self.constrained_inverse_dynamics_derivatives
-            return self._on_base(base, verb, q, qd, qdd, **options)
+            return on_base(self, self.constrained_inverse_dynamics_derivatives, locals())
         n = self.n
         states = [as_rows('q', q, n), as_rows('qd', qd, n), as_rows('qdd', qdd, n)]
-        call = _Call(cdiff_.INVERSE, self._actuated(actuated), wrenches)
+        call = _Call(cdiff_.INVERSE, self._actuated(actuated), wrenches, ('q', 'qd', 'qdd'))
         return ConstrainedInverseDerivatives(*_find(self, call, states, out))
 
     def constrained_hybrid_dynamics_derivatives(
@@ -222,18 +220,12 @@ class DifferentiableMechanism(DifferentiableModel):
             The given accelerations contradict the loops.
         """
         if base is not None:
-            return self._on_base(
-                base,
-                lambda q, qd, qdd, tau, out=None: self.constrained_hybrid_dynamics_derivatives(
-                    q, qd, qdd, actuated, tau, out, wrenches
-                ),
-                q, qd, qdd_actuated, self._zero if tau is None else tau, out=out,
-            )  # fmt: skip
+            return on_base(self, self.constrained_hybrid_dynamics_derivatives, locals())
         n, index = self.n, self._actuated(actuated)
         states = [as_rows('q', q, n), as_rows('qd', qd, n)]
         states.append(as_rows('qdd_actuated', qdd_actuated, len(index)))
         states.append(self._zero if tau is None else as_rows('tau', tau, n))
-        call = _Call(cdiff_.HYBRID, index, wrenches)
+        call = _Call(cdiff_.HYBRID, index, wrenches, ('q', 'qd', 'qdd_actuated', 'tau'))
         return ConstrainedHybridDerivatives(*_find(self, call, states, out))
 
 
@@ -243,6 +235,7 @@ class _Call(NamedTuple):
     verb: int  # as the kernel counts them
     actuated: Int
     wrenches: Wrenches | None
+    names: tuple[str, ...]  # of its states
 
 
 class _Plan(NamedTuple):
@@ -300,15 +293,14 @@ def _find(
         rows.append(robot._zero[None] if k == 1 else np.zeros((k, n)))
     choice = np.array([call.verb, *call.actuated], dtype=np.int64)
     kernel, loads = entry(constrained_derivatives_rows), _loads(robot, call.wrenches)
-    status = run_chunks(
-        robot,
-        k,
-        lambda handle, first, last: kernel(handle, choice, *rows, loads, first, last, targets),
-    )
-    if status != GOOD:
-        # the verb itself says of the first state that has no answer why
-        _values(robot, call, states)
-        robot.raise_for_status(status, q=rows[0], qd=rows[1])
+
+    def run(handle: int, first: int, last: int) -> int:
+        return kernel(handle, choice, *rows, loads, first, last, targets)
+
+    if run_chunks(robot, k, run) != GOOD:
+        require_finite(dict(zip(call.names, states, strict=True)))
+        for i in range(k):  # the first state that has no answer says why
+            raise_status(robot, run(robot.handle, i, i + 1))
     return found
 
 
@@ -320,33 +312,21 @@ def _loads(robot: DifferentiableMechanism, wrenches: Wrenches | None) -> Array:
     return loads
 
 
-def _values(robot: DifferentiableMechanism, call: _Call, states: Sequence[Array]) -> None:
-    """Call the verb of the derivatives, for its errors."""
-    names = [robot.coordinate_names[k] for k in call.actuated]
-    (q, qd, third), loads = states[:3], call.wrenches
-    if call.verb == cdiff_.FORWARD:
-        robot.constrained_forward_dynamics(q, qd, third, wrenches=loads)
-    elif call.verb == cdiff_.INVERSE:
-        robot.constrained_inverse_dynamics(q, qd, third, names, wrenches=loads)
-    else:
-        robot.constrained_hybrid_dynamics(q, qd, third, names, tau=states[3], wrenches=loads)
-
-
 def _of_tree(
     robot: DifferentiableMechanism, call: _Call, states: Sequence[Array], found: Sequence[Array]
 ) -> Sequence[Array]:
     """Write the derivatives of a robot without constraints, which are those of its tree."""
     (q, qd, third), loads, index = states[:3], call.wrenches, call.actuated
+    names = [robot.coordinate_names[k] for k in index]
     if call.verb == cdiff_.FORWARD:
         robot.forward_dynamics_derivatives(q, qd, third, loads, out=found[:3])
         return found
     if call.verb == cdiff_.INVERSE:
-        _values(robot, call, states)
+        robot.constrained_inverse_dynamics(q, qd, third, names, wrenches=loads)
         whole = robot.inverse_dynamics_derivatives(q, qd, third, loads)
         for target, each in zip(found, whole, strict=False):
             target[...] = each[..., index, :]
         return found
-    names = [robot.coordinate_names[k] for k in index]
     free = np.setdiff1d(np.arange(robot.n), index)
     made = robot.hybrid_dynamics_derivatives(q, qd, third, names, tau=states[3], wrenches=loads)
     for target in found:

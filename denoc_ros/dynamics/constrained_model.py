@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from denoc_ros.dynamics import assembling, constraints
-from denoc_ros.dynamics.base_motion import Base
+from denoc_ros.dynamics.base_motion import Base, on_base
 from denoc_ros.dynamics.batch import each_row
 from denoc_ros.dynamics.tree_dynamics import TreeDynamics, Wrenches
 from denoc_ros.dynamics.validation import as_states, same_rows
@@ -111,8 +111,7 @@ class ConstrainedModel(TreeDynamics):
             A singular configuration in which no accelerations keep the loops closed.
         """
         if base is not None:
-            verb = self.constrained_forward_dynamics
-            return self._on_base(base, verb, q, qd, tau, wrenches=wrenches)
+            return on_base(self, self.constrained_forward_dynamics, locals())
         n = self.n
         if wrenches:
             tau = as_states('tau', tau, n) + self._load(as_states('q', q, n), wrenches)
@@ -121,9 +120,9 @@ class ConstrainedModel(TreeDynamics):
         if self._constrained(self.handle, zero, q, qd, zero, tau, qdd, multipliers) == GOOD:
             return qdd, multipliers
         states = (as_states('q', q, n), as_states('qd', qd, n), as_states('tau', tau, n))
-        if all(state.ndim == 1 for state in states):
-            return constraints.forward(self, *states)
-        return constraints.forward_rows(self, *same_rows(states))
+        single, (q, qd, tau) = all(state.ndim == 1 for state in states), same_rows(states)
+        found = constraints.accelerations(self, zero, q, qd, np.zeros(q.shape), tau)
+        return (found[0][0], found[1][0]) if single else found
 
     def constrained_inverse_dynamics(
         self,
@@ -159,17 +158,14 @@ class ConstrainedModel(TreeDynamics):
             residual.
         """
         if base is not None:
-            options = {'actuated': actuated, 'wrenches': wrenches}
-            return self._on_base(base, self.constrained_inverse_dynamics, q, qd, qdd, **options)
+            return on_base(self, self.constrained_inverse_dynamics, locals())
         index, n = self._actuated(actuated), self.n
-        states = (as_states('q', q, n), as_states('qd', qd, n), as_states('qdd', qdd, n))
-        load = self._load(states[0], wrenches or {})
-        torque, multipliers = each_row(
-            lambda q, qd, qdd, load: constraints.inverse_torques(self, q, qd, qdd, index, load),
-            *states,
-            load,
-        )
-        return torque, multipliers
+        states = [as_states('q', q, n), as_states('qd', qd, n), as_states('qdd', qdd, n)]
+        states.append(self._load(states[0], wrenches or {}))
+        single, rows = all(state.ndim == 1 for state in states), same_rows(states)
+        torque, multipliers = constraints.torques(self, self.held(index), *rows)
+        torque = torque.take(index, axis=1)
+        return (torque[0], multipliers[0]) if single else (torque, multipliers)
 
     def constrained_hybrid_dynamics(
         self,
@@ -209,25 +205,9 @@ class ConstrainedModel(TreeDynamics):
             The given accelerations contradict the loops.
         """
         if base is not None:
-            return self._on_base(
-                base,
-                lambda q, qd, qdd, tau: self.constrained_hybrid_dynamics(
-                    q, qd, qdd, actuated, tau, wrenches=wrenches
-                ),
-                q, qd, qdd_actuated, np.zeros(self.n) if tau is None else tau,
-            )  # fmt: skip
-        index, n = self._actuated(actuated), self.n
-        states = (as_states('q', q, n), as_states('qd', qd, n))
-        given = as_states('qdd_actuated', qdd_actuated, len(index))
-        loads = as_states('tau', np.zeros(n) if tau is None else tau, n)
-        torque, qdd, multipliers = each_row(
-            lambda q, qd, qdd, tau, load: constraints.hybrid(self, q, qd, qdd, index, tau, load),
-            *states,
-            given,
-            loads,
-            self._load(states[0], wrenches or {}),
-        )
-        return torque, qdd, multipliers
+            return on_base(self, self.constrained_hybrid_dynamics, locals())
+        split = self._workspace.split(self._actuated(actuated))
+        return self._hybrid(True, split, q, qd, ('qdd_actuated', qdd_actuated), tau, wrenches)
 
     def _actuated(self, names: Sequence[str] | None) -> NDArray[np.int64]:
         return self.indices(self.tree.non_mimic_joints if names is None else names)

@@ -7,16 +7,22 @@ planar loop in space has two or three of them): multipliers are then those of le
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-import scipy.linalg
 from numpy.typing import NDArray
 
-from denoc_ros.dynamics.batch import each_row, run_rows
+from denoc_ros.dynamics.batch import run_rows
 from denoc_ros.dynamics.robot_model import RobotModel
 from denoc_ros.errors import SolverError, StateError
-from denoc_ros.kernels import articulated, closure, constrained, constraint_layout, inverse
+from denoc_ros.kernels import (
+    articulated,
+    closure,
+    constrained,
+    constrained_torques,
+    constraint_layout,
+    inverse,
+)
 from denoc_ros.kernels.closing import OPEN, OPENED
 from denoc_ros.kernels.compiled import entry
 from denoc_ros.kernels.constrained import CONTRADICTED
@@ -24,7 +30,8 @@ from denoc_ros.kernels.constrained_derivatives import (
     constraint_force_change,
     constraint_row_rates,
 )
-from denoc_ros.kernels.handle import GOOD, MISFIT
+from denoc_ros.kernels.constrained_torques import AGREEMENT, BEYOND_REACH, OPENING
+from denoc_ros.kernels.handle import GOOD, NOT_FINITE
 from denoc_ros.model.friction import Friction
 from denoc_ros.model.tree import Mimic
 from denoc_ros.types import Array
@@ -33,9 +40,6 @@ Int = NDArray[np.int64]
 
 # A singular value of the rows this far below the greatest is none (as in kernels.multipliers).
 RANK = 1e-6
-# Equations that cannot all be met contradict each other by more than this part of their terms:
-# a closed state is closed to 1e-9, torques and accelerations come from files and trajectories.
-AGREEMENT = 1e-6
 
 
 class RowDerivatives(NamedTuple):
@@ -107,15 +111,6 @@ def transposed_change(robot: RobotModel, q: Array, weights: Array, axis_weights:
     return -change
 
 
-def required_force(robot: RobotModel, q: Array, qd: Array, qdd: Array, axes: Array) -> Array:
-    """Return I q'' + h (n,) with the damping and friction of the loops' own joints."""
-    force = np.empty(robot.n)
-    kernel = entry(inverse.inverse_dynamics)
-    robot.raise_for_status(kernel(robot.handle, q, qd, qdd, force), q=q, qd=qd, qdd=qdd)
-    add_loop_friction(robot, qd, axes, force)
-    return force
-
-
 def add_loop_friction(robot: RobotModel, qd: Array, axes: Array, force: Array) -> None:
     """Add damping and friction of the loops' own joints to a force (n,) in place."""
     for axis, resisting in zip(axes, axis_resistance(robot, axes, qd)[0], strict=True):
@@ -143,140 +138,121 @@ def least_solution(matrix: Array, wanted: Array) -> tuple[Array, Array]:
     return x, wanted - matrix @ x
 
 
-def accelerations(
-    robot: RobotModel, q: Array, qd: Array, tau: Array, held: Int, given: Array
-) -> tuple[Array, Array]:
-    """Return accelerations (n,) and multipliers (rows,) with those of some coordinates given.
+def hybrid(
+    robot: RobotModel,
+    closed: bool,
+    held: Array,
+    q: Array,
+    qd: Array,
+    given: Array,
+    tau: Array,
+    check: bool = True,
+) -> tuple[Array, Array, Array]:
+    """Return torques of held joints, all accelerations and multipliers: dynamics in general.
+
+    With nothing held it is forward dynamics.
 
     Parameters
     ----------
-    q, qd, tau : (n,)
-    held : (h,) int
-        The coordinates, joints, whose accelerations are given.
-    given : (h,)
+    closed : bool
+        Whether the constraint rows count; without, or without any, the tree is open.
+    held : (n,)
+        1 for joints whose accelerations are given, as of :meth:`RobotModel.held`.
+    q, qd, given, tau : (k, n)
+        States, accelerations of held joints (0 elsewhere), and forces beside their torques.
+    check : bool
+        Whether results that are not finite are an error.
+
+    Returns
+    -------
+    torques : (k, n)
+        Of held joints; other columns have no meaning.
+    qdd : (k, n)
+    multipliers : (k, rows)
+        Of least norm.
     """
-    start, qdd, scratch = np.zeros((3, robot.n))
-    start[held] = given
-    flags, multipliers = robot.held(held), np.zeros(len(robot.constraint_names))
-    if len(multipliers):
-        status = constrained_dynamics(robot, flags, q, qd, start, tau, qdd, multipliers)
-    else:
-        shift = robot.armature
-        status = articulated.articulated_dynamics(
-            robot.handle, shift, flags, q, qd, start, tau, qdd, scratch
-        )
-    raise_status(robot, status, q=q, qd=qd, tau=tau)
-    return qdd, multipliers
+    if closed and robot.constraint_names:
+        qdd, multipliers = accelerations(robot, held, q, qd, given, tau)
+        if not held.any():
+            return np.zeros(q.shape), qdd, multipliers
+        torque, multipliers = torques(robot, held, q, qd, qdd, tau)
+        return torque, qdd, multipliers
+    torque, qdd = np.empty(q.shape), np.empty(q.shape)
+    rows = robot.armature, held, q, qd, given, tau, qdd, torque
+    _run(robot, articulated.articulated_dynamics_rows, *rows, check=check)
+    torque -= tau
+    return torque, qdd, qdd[:, :0]
 
 
-def constrained_dynamics(robot: RobotModel, *arrays: Array) -> int:
-    """Run the kernel of that name on arrays, whatever the interpreter; return its status."""
-    status = int(entry(constrained.constrained_dynamics)(robot.handle, *arrays))
-    if status == MISFIT:
-        held, *rows = arrays
-        q, qd, given, tau, qdd, multipliers = (row[None] for row in rows)
-        kernel = constrained.constrained_dynamics_rows
-        status = run_rows(robot, kernel, 1, held, q, qd, given, tau, qdd, multipliers)
-    return status
-
-
-def forward(robot: RobotModel, q: Array, qd: Array, tau: Array) -> tuple[Array, Array]:
-    """Return accelerations (n,) and multipliers (rows,)."""
-    return accelerations(robot, q, qd, tau, np.zeros(0, dtype=np.int64), np.zeros(0))
-
-
-def forward_rows(robot: RobotModel, q: Array, qd: Array, tau: Array) -> tuple[Array, Array]:
-    """Return accelerations (k, n) and multipliers (k, rows) of many states in one call."""
-    qdd, multipliers = np.empty_like(q), np.zeros((len(q), len(robot.constraint_names)))
-    none, given = np.zeros(robot.n), np.zeros_like(q)
-    if multipliers.size:
-        kernel = constrained.constrained_dynamics_rows
-        rows = [none, q, qd, given, tau, qdd, multipliers]
-    else:
-        kernel = articulated.articulated_dynamics_rows
-        rows = [robot.armature, none, q, qd, given, tau, qdd, np.empty_like(q)]
-    if run_rows(robot, kernel, len(q), *rows) != GOOD:
-        # the first state that has no answer says why
-        each_row(lambda q, qd, tau: forward(robot, q, qd, tau), q, qd, tau)
-    return qdd, multipliers
-
-
-def inverse_torques(
-    robot: RobotModel, q: Array, qd: Array, qdd: Array, actuated: Int, tau: Array | None = None
+def accelerations(
+    robot: RobotModel, held: Array, q: Array, qd: Array, given: Array, tau: Array
 ) -> tuple[Array, Array]:
-    """Return torques of the actuated coordinates and multipliers, both of least norm.
+    """Return accelerations (k, n) and multipliers (k, rows) of them alone; as :func:`hybrid`."""
+    if not robot.constraint_names:
+        return hybrid(robot, False, held, q, qd, given, tau)[1:]
+    qdd, multipliers = np.empty(q.shape), np.empty((len(q), len(robot.constraint_names)))
+    rows = held, q, qd, given, tau, qdd, multipliers
+    _run(robot, constrained.constrained_dynamics_rows, *rows)
+    return qdd, multipliers
 
-    tau (n,) are generalized forces that act beside these torques.
 
-    The multipliers come from the equations of the coordinates without an actuator (section 5.1.2);
-    what these leave open goes to make the torques small.
+def torques(
+    robot: RobotModel, held: Array, q: Array, qd: Array, qdd: Array, tau: Array
+) -> tuple[Array, Array]:
+    """Return torques (k, n) of held joints and multipliers (k, rows) of a motion (k, n).
+
+    Both are of least norm: the multipliers come from the equations of the other coordinates
+    (section 5.1.2); what these leave open goes to make the torques small. Forces tau (k, n) act
+    beside them.
     """
-    rows, axes = jacobian(robot, q)
-    require_closed_accelerations(robot, rows, closure_rows(robot, q, qd)[2], qdd)
-    need = required_force(robot, q, qd, qdd, axes)
-    if tau is not None:
-        need -= tau
-    passive = np.setdiff1d(np.arange(robot.n), actuated)
-    multipliers, residual = least_solution(rows[:, passive].T, need[passive])
-    if np.abs(residual).max(initial=0.0) > AGREEMENT * (1.0 + np.abs(need).max(initial=0.0)):
-        worst = int(np.argmax(np.abs(residual)))
-        raise StateError(
-            f'{robot.tree.name}: qdd must be one that the actuated joints can give, got '
-            f'{residual[worst]:.3g} N m (or N) left on {robot.coordinate_names[passive[worst]]}'
-        )
-    open_to = scipy.linalg.null_space(rows[:, passive].T, rcond=RANK) if len(passive) else None
-    open_to = np.eye(len(rows)) if open_to is None else open_to
-    torque = need[actuated] - rows[:, actuated].T @ multipliers
-    reach = rows[:, actuated].T @ open_to
-    # what redundant rows leave of the actuated joints' columns is rounding, not a way to push
-    if np.abs(reach).max(initial=0.0) > RANK * np.abs(rows).max(initial=0.0):
-        multipliers = multipliers + open_to @ least_solution(reach, torque)[0]
-    return need[actuated] - rows[:, actuated].T @ multipliers, multipliers
+    torque, multipliers = np.empty(q.shape), np.empty((len(q), len(robot.constraint_names)))
+    if robot.constraint_names:
+        rows = (held, q, qd, qdd, tau, torque, multipliers)
+        _run(robot, constrained_torques.constrained_torques_rows, *rows)
+        return torque, multipliers
+    _run(robot, inverse.inverse_dynamics_rows, q, qd, qdd, torque)
+    torque -= tau
+    left = np.where(held == 0.0, torque, 0.0)
+    size = AGREEMENT * (1.0 + np.abs(torque).max(axis=1, initial=0.0))
+    for row in left[np.abs(left).max(axis=1, initial=0.0) > size]:
+        worst = int(np.argmax(np.abs(row)))
+        raise StateError(_beyond_reach(robot, row[worst], worst))
+    return torque, multipliers
 
 
-def hybrid(
-    robot: RobotModel,
-    q: Array,
-    qd: Array,
-    qdd_actuated: Array,
-    actuated: Int,
-    tau: Array,
-    load: Array,
-) -> tuple[Array, Array, Array]:
-    """Return torques of the actuated coordinates, all accelerations and multipliers.
-
-    tau (n,) are generalized forces of the other coordinates, load (n,) those of wrenches.
-    """
-    loads = tau.copy()
-    loads[actuated] = 0.0
-    loads += load
-    qdd, _ = accelerations(robot, q, qd, loads, actuated, qdd_actuated)
-    torque, multipliers = inverse_torques(robot, q, qd, qdd, actuated, loads)
-    return torque, qdd, multipliers
-
-
-def require_closed_accelerations(robot: RobotModel, rows: Array, bias: Array, qdd: Array) -> None:
-    """Raise StateError where J q'' + J' q' is not zero."""
-    if not len(rows):
+def _run(robot: RobotModel, kernel: Any, *rows: Array, check: bool = True) -> None:
+    """Run a kernel on rows (k, …) of states, others (m,); raise the error of the first bad one."""
+    k = len(rows[-1])
+    status = run_rows(robot, kernel, k, *rows)
+    if status == GOOD or (status == NOT_FINITE and not check):
         return
-    residual = rows @ qdd + bias
-    size = 1.0 + float((np.abs(rows) @ np.abs(qdd) + np.abs(bias)).max())
-    worst = int(np.argmax(np.abs(residual)))
-    if abs(residual[worst]) > AGREEMENT * size:
-        raise StateError(
-            f'{robot.tree.name}: qdd must keep {robot.constraint_names[worst]!r} closed, got '
-            f'{residual[worst]:.3g} m/s^2 (or rad/s^2) of its row {worst}'
-        )
+    for i in range(k):
+        row = [each if each.ndim == 1 else each[i : i + 1] for each in rows]
+        raise_status(robot, run_rows(robot, kernel, 1, *row))
+
+
+def _beyond_reach(robot: RobotModel, left: float, coordinate: int) -> str:
+    return (
+        f'{robot.tree.name}: qdd must be one that the actuated joints can give, got '
+        f'{left:.3g} N m (or N) left on {robot.coordinate_names[coordinate]}'
+    )
 
 
 def raise_status(robot: RobotModel, status: int, **arguments: Array) -> None:
     """Raise the error of a constrained kernel's status."""
-    if status not in (CONTRADICTED, OPENED):
+    if status not in (CONTRADICTED, OPENED, OPENING, BEYOND_REACH):
         robot.raise_for_status(status, **arguments)
         return
     found = robot.work[int(robot.arrays.topology[0, constraint_layout.CONSTRAINTS_WORK]) :]
-    name = robot.constraint_names[int(found[constraint_layout.WORST])]
-    left = f'{found[constraint_layout.RESIDUAL]:.3g}'
+    worst, residual = int(found[constraint_layout.WORST]), found[constraint_layout.RESIDUAL]
+    if status == BEYOND_REACH:
+        raise StateError(_beyond_reach(robot, residual, worst))
+    name, left = robot.constraint_names[worst], f'{residual:.3g}'
+    if status == OPENING:
+        raise StateError(
+            f'{robot.tree.name}: qdd must keep {name!r} closed, got {left} m/s^2 (or rad/s^2) of '
+            f'its row {worst}'
+        )
     if status == OPENED:
         raise SolverError(
             f'{robot.tree.name}: {name!r} must stay closed to {OPEN:g} m (or rad) in a step, got '

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from denoc_ros.dynamics.base_motion import Base
+from denoc_ros.dynamics.base_motion import Base, on_base
 from denoc_ros.dynamics.batch import run_rows
 from denoc_ros.dynamics.constrained_model import ConstrainedModel
 from denoc_ros.dynamics.tree_dynamics import KernelOperation, Wrenches
@@ -24,7 +24,6 @@ from denoc_ros.kernels import (
     inverse_derivatives,
     load_derivatives,
 )
-from denoc_ros.kernels.compiled import entry
 from denoc_ros.kernels.handle import GOOD
 from denoc_ros.types import Array
 
@@ -115,13 +114,12 @@ class DifferentiableModel(ConstrainedModel):
             For a wrong shape or type, or a number that is not finite.
         """
         if base is not None:
-            options = {'wrenches': wrenches, 'out': out, 'check': check}
-            return self._on_base(base, self.inverse_dynamics_derivatives, q, qd, qdd, **options)
+            return on_base(self, self.inverse_dynamics_derivatives, locals())
         if out is None:
             result = (_empty(self._square), _empty(self._square), _empty(self._square))
         else:
             result = _three(out)
-        status = entry(INVERSE.kernel)(self.handle, q, qd, qdd, *result)
+        status = INVERSE.call(self.handle, q, qd, qdd, *result)
         if status != GOOD:
             arguments = {'q': q, 'qd': qd, 'qdd': qdd}
             a, b, c = self._settle(status, INVERSE, arguments, out, result, check)
@@ -157,8 +155,7 @@ class DifferentiableModel(ConstrainedModel):
             The inertia is singular (a massless chain).
         """
         if base is not None:
-            options = {'wrenches': wrenches, 'out': out, 'check': check}
-            return self._on_base(base, self.forward_dynamics_derivatives, q, qd, tau, **options)
+            return on_base(self, self.forward_dynamics_derivatives, locals())
         load = None
         if wrenches:
             load = self.load_derivative(q, wrenches)
@@ -167,7 +164,7 @@ class DifferentiableModel(ConstrainedModel):
             result = (_empty(self._square), _empty(self._square), _empty(self._square))
         else:
             result = _three(out)
-        status = entry(FORWARD.kernel)(self.handle, q, qd, tau, *result)
+        status = FORWARD.call(self.handle, q, qd, tau, *result)
         if status != GOOD:
             arguments = {'q': q, 'qd': qd, 'tau': tau}
             a, b, c = self._settle(status, FORWARD, arguments, out, result, check)
@@ -214,13 +211,7 @@ class DifferentiableModel(ConstrainedModel):
             As :meth:`forward_dynamics_derivatives`.
         """
         if base is not None:
-            return self._on_base(
-                base,
-                lambda q, qd, qdd, tau, out=None: self.hybrid_dynamics_derivatives(
-                    q, qd, qdd, joints, tau, wrenches, check, out
-                ),
-                q, qd, qdd_joints, self._zero if tau is None else tau, out=out,
-            )  # fmt: skip
+            return on_base(self, self.hybrid_dynamics_derivatives, locals())
         n = self.n
         names = self.joint_names if joints is None else tuple(joints)
         index = self.indices(names)

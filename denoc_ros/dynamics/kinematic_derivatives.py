@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from denoc_ros.dynamics import structure
-from denoc_ros.dynamics.base_motion import Base
+from denoc_ros.dynamics.base_motion import Base, on_base
 from denoc_ros.dynamics.batch import run_rows
 from denoc_ros.dynamics.section import AnySection, SegmentedSection
 from denoc_ros.dynamics.tree_dynamics import TreeDynamics
@@ -60,11 +60,7 @@ class KinematicDerivatives(TreeDynamics):
             For an unknown frame, a wrong shape or type, or a number that is not finite.
         """
         if base is not None:
-            return self._on_base(
-                base,
-                lambda q, qd, qdd, out=None: self.frame_motion(frame, q, qd, qdd, out),
-                q, qd, self._zero if qdd is None else qdd, out=out,
-            )  # fmt: skip
+            return on_base(self, self.frame_motion, locals())
         states = (q, qd, self._zero if qdd is None else qdd)
         return self._of_motion(frame_motion.frame_motion_rows, (2, 6), frame, states, out)
 

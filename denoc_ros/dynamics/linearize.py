@@ -269,14 +269,12 @@ def _nominal(
     zero = np.zeros(robot.n)
     if tau is not None:
         forces = as_vector('tau', tau, (robot.n,)).copy()
-        qdd, multipliers = constraints.accelerations(
-            robot, q, qd, forces, locked, np.zeros(len(locked))
-        )
-        return forces, qdd, multipliers
+        rows = q[None], qd[None], zero[None], forces[None]
+        qdd, multipliers = constraints.accelerations(robot, robot.held(locked), *rows)
+        return forces, qdd[0], multipliers[0]
     driven = np.union1d(robot.indices(independent_joints(robot, q)), locked)
-    torque, qdd, multipliers = constraints.hybrid(
-        robot, q, qd, np.zeros(len(driven)), driven, zero, zero
-    )
+    names, still = [robot.coordinate_names[k] for k in driven], np.zeros(len(driven))
+    torque, qdd, multipliers = robot.constrained_hybrid_dynamics(q, qd, still, names)
     forces = zero
     forces[driven] = torque
     return forces, qdd, multipliers

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from denoc_ros.dynamics.base_motion import Base
+from denoc_ros.dynamics.base_motion import Base, on_base
 from denoc_ros.dynamics.parameter_columns import (
     DIAGONAL_TERMS,
     Column,
@@ -69,11 +69,7 @@ class TorqueRegressor(TreeDynamics):
         as the model is loaded, and the columns of stiffness and mass hold it.
         """
         if base is not None:
-            return self._on_base(
-                base,
-                lambda q, qd, qdd, out=None: self.torque_regressor(q, qd, qdd, paths, out),
-                q, qd, qdd, out=out,
-            )  # fmt: skip
+            return on_base(self, self.torque_regressor, locals())
         given = zip(('q', 'qd', 'qdd'), (q, qd, qdd), strict=True)
         states = [as_states(name, value, self.n) for name, value in given]
         columns = find_columns(self, paths)

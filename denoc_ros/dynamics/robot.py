@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from denoc_ros.dynamics import equilibrium
 from denoc_ros.dynamics import natural_modes as modes
-from denoc_ros.dynamics.base_motion import Base
+from denoc_ros.dynamics.base_motion import Base, on_base
 from denoc_ros.dynamics.batch import each_row
 from denoc_ros.dynamics.derivatives import DifferentiableModel
 from denoc_ros.dynamics.floating_base import FloatingBase
@@ -51,9 +51,7 @@ class StaticsAndVibration(DifferentiableModel):
             Newton's iteration found no equilibrium (a load beyond buckling).
         """
         if base is not None:
-            return self._on_base(
-                base, lambda row: self.static_deflection(row, wrenches, start), q_joints
-            )
+            return on_base(self, self.static_deflection, locals())
         joints = as_states('q_joints', q_joints, len(self.joint_indices))
         states: Array = each_row(
             lambda row: equilibrium.static_deflection(self, row, wrenches, start),
@@ -74,9 +72,8 @@ class StaticsAndVibration(DifferentiableModel):
         """
         if len(self.base_indices) and self.base_motion is None:
             falling = np.append(self.gravity, np.zeros(3))
-            return self._on_base(
-                (np.zeros(6), falling), lambda rows: self.natural_modes(rows, held), q
-            )
+            given = {'q': q, 'held': held, 'base': (np.zeros(6), falling)}
+            return on_base(self, self.natural_modes, given)
         q = as_states('q', q, self.n)
         found = each_row(lambda row: tuple(modes.natural_modes(self, row, held)), q)
         return modes.NaturalModes(*found)

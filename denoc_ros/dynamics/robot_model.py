@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Any, NamedTuple, TypeVar
+from collections.abc import Iterator, Mapping, Sequence
+from functools import cached_property
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,9 +13,7 @@ from denoc_ros.dynamics.base_motion import (
     AT_REST,
     Base,
     BaseMotion,
-    Result,
     as_base_motion,
-    on_base,
 )
 from denoc_ros.dynamics.section import AnySection
 from denoc_ros.dynamics.validation import as_vector, require_finite, require_rotors
@@ -138,26 +137,36 @@ class Workspace:
         """Return how prescribed joints, index (h,), split the coordinates; kept for next time."""
         key = tuple(index.tolist())
         if key not in self._splits:
-            n = self._diagonals.shape[1]
-            free = np.setdiff1d(np.arange(n), index)
-            flags = np.zeros(n)
-            flags[index] = 1.0
-            every, by = np.arange(n), (0, 1, 2, 2)
-            places = tuple(
-                (n * n * matrix + n * rows[:, None] + columns[None, :]).ravel()
-                for rows in (index, free)
-                for matrix, columns in zip(by, (every, every, index, free), strict=True)
-            )
-            self._splits[key] = Split(free, flags, places)
+            self._splits[key] = Split(index, self._diagonals.shape[1])
         return self._splits[key]
 
 
-class Split(NamedTuple):
-    """Coordinates split into h prescribed joints and the f others."""
+class Split:
+    """Coordinates split into h prescribed joints and the f others.
 
-    free: Int  # (f,)
-    flags: Array  # (n,) 1 at the joints
-    places: tuple[Int, ...]  # where the parts of HybridDerivatives stand in the kernel's matrices
+    Attributes
+    ----------
+    index : (h,)
+    free : (f,)
+    flags : (n,)
+        1 at the joints.
+    """
+
+    def __init__(self, index: Int, n: int) -> None:
+        self.index, self.free = index, np.setdiff1d(np.arange(n), index)
+        self.flags: Array = np.zeros(n)
+        self.flags[index] = 1.0
+
+    @cached_property
+    def places(self) -> tuple[Int, ...]:
+        """Where the parts of HybridDerivatives stand in the kernel's matrices."""
+        n, index, free = len(self.flags), self.index, self.free
+        every, by = np.arange(n), (0, 1, 2, 2)
+        return tuple(
+            (n * n * matrix + n * rows[:, None] + columns[None, :]).ravel()
+            for rows in (index, free)
+            for matrix, columns in zip(by, (every, every, index, free), strict=True)
+        )
 
 
 KERNELS = (
@@ -526,12 +535,6 @@ class RobotModel:
     def raise_for_status(self, status: int, **arguments: Array) -> None:
         """Raise the error of a kernel's status about its arguments."""
         self._raise_for_status(status, True, **arguments)
-
-    def _on_base(
-        self, base: Base, verb: Callable[..., Result], *states: ArrayLike, **options: Any
-    ) -> Result:
-        """Call a verb at states on a moving base."""
-        return on_base(self, base, verb, *states, **options)
 
     def _raise_for_status(self, status: int, check: bool, **arguments: Array) -> None:
         if status == GOOD or (status == NOT_FINITE and not check):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from denoc_ros.kernels.rotation import write_quaternion
 from denoc_ros.types import Array
 
 SMALL = 1e-2  # rad^2, below which series take over
@@ -32,6 +33,13 @@ def rotation_vectors(turns: Array) -> Array:
     """Return the rotation vectors (..., 3) [rad], at most pi long, of rotations (..., 3, 3)."""
     found = Rotation.from_matrix(turns.reshape(-1, 3, 3)).as_rotvec()
     return np.asarray(found.reshape(turns.shape[:-1]))
+
+
+def quaternion(rotation: Array) -> Array:
+    """Return the quaternion x, y, z, w of a rotation (3, 3): w >= 0, or the first other > 0."""
+    found = np.empty(4)
+    write_quaternion(np.ascontiguousarray(rotation, dtype=np.float64), found)
+    return found
 
 
 def left_jacobians(vectors: Array) -> Array:

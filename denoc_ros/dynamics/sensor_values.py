@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from denoc_ros.dynamics import structure
-from denoc_ros.dynamics.base_motion import Base
+from denoc_ros.dynamics.base_motion import Base, on_base
 from denoc_ros.dynamics.batch import run_rows
 from denoc_ros.dynamics.constrained_derivatives import DifferentiableMechanism
 from denoc_ros.dynamics.kinematic_derivatives import KinematicDerivatives
@@ -221,11 +221,7 @@ class SensorValues(DifferentiableMechanism, KinematicDerivatives):
             deflected link; of an accelerometer the specific force. Without biases.
         """
         if base is not None:
-            zero = self._zero
-            return self._on_base(
-                base, self.sensor_values, q, zero if qd is None else qd,
-                *(() if qdd is None else (qdd,)),
-            )  # fmt: skip
+            return on_base(self, self.sensor_values, locals())
         q = as_states('q', q, self.n)
         on_beams = self.beam_sensor_values(q, qd, qdd)
         if not self.tree.inertial_sensors:

@@ -8,11 +8,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from denoc_ros.dynamics.constraints import constrained_dynamics, raise_status
+from denoc_ros.dynamics.batch import run_rows
+from denoc_ros.dynamics.constraints import raise_status
 from denoc_ros.errors import ModelError, StateError
 from denoc_ros.kernels.articulated import articulated_dynamics
 from denoc_ros.kernels.closing import advance_tied
 from denoc_ros.kernels.compiled import entry, ready
+from denoc_ros.kernels.constrained import constrained_dynamics_rows
 from denoc_ros.kernels.driven_step import advance_driven, driven_torque, take_measurement
 from denoc_ros.kernels.handle import DAMPING, GOOD, MISFIT, NOT_FINITE, STIFFNESS
 from denoc_ros.kernels.step import ALONG_ROWS, STEP_ROWS, advance_along
@@ -215,9 +217,8 @@ class Stepper:
         robot, given = self.robot, self._given
         force = self._zero if tau is None else tau
         if self._tied:
-            status = constrained_dynamics(
-                robot, self._held, q, qd, given, force, out, self._multipliers
-            )
+            rows = self._held, q, qd, given, force, out, self._multipliers
+            status = run_rows(robot, constrained_dynamics_rows, 1, *rows)
         else:
             status = articulated_dynamics(
                 robot.handle, self._armature, self._held, q, qd, given, force, out,

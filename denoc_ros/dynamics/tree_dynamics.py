@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from denoc_ros.dynamics import structure
-from denoc_ros.dynamics.base_motion import Base
+from denoc_ros.dynamics import constraints, structure
+from denoc_ros.dynamics.base_motion import Base, on_base
 from denoc_ros.dynamics.batch import each_row, run_rows
-from denoc_ros.dynamics.robot_model import RobotModel
+from denoc_ros.dynamics.robot_model import RobotModel, Split
 from denoc_ros.dynamics.validation import (
     as_output,
     as_outputs,
@@ -21,6 +20,7 @@ from denoc_ros.dynamics.validation import (
     require_finite,
     same_rows,
 )
+from denoc_ros.errors import StateError
 from denoc_ros.kernels import articulated, composite, inverse, sprung, world
 from denoc_ros.kernels.compiled import entry, ready
 from denoc_ros.kernels.handle import GOOD, MISFIT
@@ -72,7 +72,7 @@ class MassAndMomentum(RobotModel):
         the equations of the other coordinates.
         """
         if base is not None:
-            return self._on_base(base, self.momentum, q, qd, out=out, check=check)
+            return on_base(self, self.momentum, locals())
         sums = self._sums(q, qd, check)
         out = as_output(out, (*sums.shape[:-1], 6))
         out[...] = sums[..., : composite.MASS]
@@ -100,12 +100,29 @@ Wrenches = Mapping[str, ArrayLike]
 _empty = np.empty  # a global name is found more quickly than a module's
 
 
-class KernelOperation(NamedTuple):
-    """A kernel, the same over rows, and the shapes of its results for n coordinates."""
+class KernelOperation:
+    """A kernel, the same over rows, and the shapes of its results for n coordinates.
 
-    kernel: Callable[..., int]
-    rows: Callable[..., int]
-    shapes: Callable[[int], Sequence[tuple[int, ...]]]
+    Attributes
+    ----------
+    call : callable
+        The compiled kernel, which takes types on trust; compiled when first called.
+    """
+
+    __slots__ = ('call', 'kernel', 'rows', 'shapes')
+
+    def __init__(
+        self,
+        kernel: Callable[..., int],
+        rows: Callable[..., int],
+        shapes: Callable[[int], Sequence[tuple[int, ...]]],
+    ) -> None:
+        self.kernel, self.rows, self.shapes = kernel, rows, shapes
+        self.call: Callable[..., int] = self._first
+
+    def _first(self, *arguments: object) -> int:
+        self.call = entry(self.kernel)
+        return self.call(*arguments)
 
 
 INVERSE = KernelOperation(
@@ -178,8 +195,7 @@ class TreeDynamics(MassAndMomentum):
             For a wrong shape or type, or a number that is not finite.
         """
         if base is not None:
-            options = {'wrenches': wrenches, 'out': out, 'check': check}
-            return self._on_base(base, self.inverse_dynamics, q, qd, qdd, **options)
+            return on_base(self, self.inverse_dynamics, locals())
         result = _empty(self.n) if out is None else out
         status = self._inverse(self.handle, q, qd, qdd, result)
         if status != GOOD:
@@ -206,8 +222,7 @@ class TreeDynamics(MassAndMomentum):
         singular (a massless chain).
         """
         if base is not None:
-            options = {'wrenches': wrenches, 'out': out, 'check': check}
-            return self._on_base(base, self.forward_dynamics, q, qd, tau, **options)
+            return on_base(self, self.forward_dynamics, locals())
         if wrenches:
             tau = as_rows('tau', tau, self.n) + self._load(as_rows('q', q, self.n), wrenches)
         result = _empty(self.n) if out is None else out
@@ -249,34 +264,49 @@ class TreeDynamics(MassAndMomentum):
         qdd_free : (n - joints,) or (k, n - joints), the other coordinates in order
         """
         if base is not None:
-            return self._on_base(
-                base,
-                lambda q, qd, qdd, tau: self.hybrid_dynamics(
-                    q, qd, qdd, joints, tau, wrenches, check
-                ),
-                q, qd, qdd_joints, self._zero if tau is None else tau,
-            )  # fmt: skip
+            return on_base(self, self.hybrid_dynamics, locals())
         names = self.joint_names if joints is None else tuple(joints)
-        index = self.indices(names)
-        n = self.n
-        q, qd = as_rows('q', q, n), as_rows('qd', qd, n)
-        qdd_joints = as_rows('qdd_joints', qdd_joints, len(names))
-        force = self._zero if tau is None else as_rows('tau', tau, n)
+        split, drive = self._workspace.split(self.indices(names)), ('qdd_joints', qdd_joints)
+        torque, qdd, _ = self._hybrid(False, split, q, qd, drive, tau, wrenches, check)
+        return torque, qdd.take(split.free, axis=-1)
+
+    def _hybrid(
+        self,
+        closed: bool,
+        split: Split,
+        q: ArrayLike,
+        qd: ArrayLike,
+        drive: tuple[str, ArrayLike],
+        tau: ArrayLike | None,
+        wrenches: Wrenches | None,
+        check: bool = True,
+    ) -> tuple[Array, Array, Array]:
+        """Return torques of given joints, all accelerations and multipliers, or rows of them.
+
+        closed: whether constraint rows count; drive: the joints' accelerations after their name.
+        """
+        # of an open tree the results tell whether all is finite
+        n, taken = self.n, as_states if closed else as_rows
+        index, held = split.index, split.flags
+        states = [taken('q', q, n), taken('qd', qd, n), taken(*drive, len(index))]
+        force = self._zero
+        if tau is not None:
+            force = taken('tau', tau, n).copy()
+            force[..., index] = 0.0
         if wrenches:
-            force = force + self._load(q, wrenches)
-        single = q.ndim == qd.ndim == qdd_joints.ndim == force.ndim == 1
-        arrays = (q, qd, qdd_joints, force)
-        q, qd, qdd_joints, force = same_rows([a[None] for a in arrays] if single else arrays)
+            force = force + self._load(states[0], wrenches)
+        single = force.ndim == 1 and all(state.ndim == 1 for state in states)
+        q, qd, qdd_joints, force = same_rows([*states, force])
         given = np.zeros(q.shape)
         given[:, index] = qdd_joints
-        qdd, torque = np.empty(q.shape), np.empty(q.shape)
-        held = self.held(index)
-        rows = (self.armature, held, q, qd, given, force, qdd, torque)
-        status = run_rows(self, articulated.articulated_dynamics_rows, len(q), *rows)
-        self._raise_for_status(status, check, q=q, qd=qd, qdd_joints=qdd_joints, tau=force)
-        free = np.flatnonzero(held == 0.0)
-        torque, qdd = np.ascontiguousarray(torque[:, index]), np.ascontiguousarray(qdd[:, free])
-        return (torque[0], qdd[0]) if single else (torque, qdd)
+        try:
+            torque, *rest = constraints.hybrid(self, closed, held, q, qd, given, force, check)
+        except StateError:
+            require_finite({'q': q, 'qd': qd, drive[0]: qdd_joints, 'tau': force})
+            raise
+        found = torque.take(index, axis=1), *rest
+        a, b, c = [each[0] for each in found] if single else found
+        return a, b, c
 
     def inertia_matrix(self, q: ArrayLike, out: Array | None = None, check: bool = True) -> Array:
         """Return the generalized inertia matrix (n, n) or (k, n, n), armature included."""
@@ -315,7 +345,7 @@ class TreeDynamics(MassAndMomentum):
         world's origin.
         """
         if base is not None:
-            return self._on_base(base, self.energy, q, qd, out=out, check=check)
+            return on_base(self, self.energy, locals())
         result = np.empty(2) if out is None else out
         status = self._energies(self.handle, q, qd, result)
         if status != GOOD:
@@ -390,7 +420,7 @@ class TreeDynamics(MassAndMomentum):
         q = as_states('q', q, self.n) if check else as_rows('q', q, self.n)
         if q.ndim == 1:
             out = as_output(out, shape)
-            verb.kernel(self.handle, q, row, out)
+            verb.call(self.handle, q, row, out)
         else:
             out = as_output(out, (len(q), *shape))
             run_rows(self, verb.rows, len(q), q, np.array([float(row)]), out)
@@ -414,7 +444,7 @@ class TreeDynamics(MassAndMomentum):
         single = all(array.ndim == 1 for array in arrays.values())
         if status == MISFIT and single:
             results = as_outputs(out, shapes)
-            status = entry(verb.kernel)(self.handle, *arrays.values(), *results)
+            status = verb.call(self.handle, *arrays.values(), *results)
         if status == MISFIT:
             rows = same_rows(list(arrays.values()))
             k = len(rows[0])

@@ -33,7 +33,9 @@ def as_rows(name: str, value: ArrayLike, n: int) -> Array:
 def as_states(name: str, value: ArrayLike, n: int) -> Array:
     """Return finite states (n,) or (k, n) as :func:`as_rows` does."""
     array = as_rows(name, value, n)
-    require_finite({name: array})
+    # a look at all elements at once; an overflow of their squares is looked into
+    if not np.vdot(array, array) < np.inf:
+        require_finite({name: array})
     return array
 
 
@@ -100,6 +102,8 @@ def same_rows(arrays: Sequence[Array]) -> list[Array]:
     if len(counts) > 1:
         raise StateError(f'states must have the same number of rows, got {sorted(counts)}')
     k = counts.pop() if counts else 1
+    if k == 1:
+        return [array if array.ndim == 2 else array[None] for array in arrays]
     return [array if array.ndim == 2 else np.tile(array, (k, 1)) for array in arrays]
 
 

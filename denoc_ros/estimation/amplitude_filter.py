@@ -7,12 +7,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from denoc_ros.dynamics.equilibrium import response
+from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.section import Section
 from denoc_ros.dynamics.springs import spring_indices
 from denoc_ros.errors import StateError
@@ -21,10 +21,6 @@ from denoc_ros.kernels.kalman import take_values
 from denoc_ros.kernels.step import GAMMA
 from denoc_ros.model.arrays import is_flexible
 from denoc_ros.types import Array
-
-if TYPE_CHECKING:
-    from denoc_ros.dynamics.robot import Robot
-
 
 TWIST = 3
 TIP = (1, 2, TWIST)  # u_y, u_z and the twist among a section's six displacements

@@ -2,22 +2,16 @@
 
 from __future__ import annotations
 
+import bisect
 import math
-from typing import TYPE_CHECKING
+from typing import NamedTuple
 
 import numpy as np
 
-from denoc_ros.estimation.amplitude_filter import load_shapes
-from denoc_ros.types import Array
-
-if TYPE_CHECKING:
-    from denoc_ros.dynamics.robot import Robot
-import bisect
-from typing import NamedTuple
-
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.structure import composed_sensors, sensor_rows
-from denoc_ros.types import Flags
+from denoc_ros.estimation.amplitude_filter import load_shapes
+from denoc_ros.types import Array, Flags
 
 MEMORY = 2.0  # s, of the sensitivities by which excitation is judged
 ANEW = 0.25  # change of the step, as a share, for which the linearization is made anew

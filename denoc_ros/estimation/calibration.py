@@ -5,23 +5,19 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import Rotation
 
 from denoc_ros.bags.series import INERTIAL_NUMBERS, read_joint_states, read_numbers
+from denoc_ros.dynamics.robot import Robot
+from denoc_ros.dynamics.rotations import cross_matrices
 from denoc_ros.dynamics.structure import sensor_rows
 from denoc_ros.dynamics.validation import as_vector
 from denoc_ros.errors import ConfigError, IdentificationError, StateError
 from denoc_ros.estimation.joint_motion import smooth
 from denoc_ros.types import Array
-
-if TYPE_CHECKING:
-    from denoc_ros.dynamics.robot import Robot
-from scipy.spatial.transform import Rotation
-
-from denoc_ros.dynamics.rotations import cross_matrices
 
 REFERENCES = ('value', 'deflection', 'load')
 LEAST_POINTS = 3
@@ -39,38 +35,23 @@ CUTOFF = 5.0  # Hz, of the joints' motion: vibration is not what is looked for
 
 @dataclass(frozen=True)
 class Calibration:
-    """value = gain raw + offset, with its uncertainty and quality.
+    """value = gain raw + offset, with its uncertainty and quality."""
 
-    Attributes
-    ----------
-    gain, offset : float
-        [value per raw], [value].
-    gain_error, offset_error : float
-        Their standard errors.
-    residual : float
-        Standard deviation of the references about the line [value].
-    hysteresis : float
-        Largest gap between loading and unloading, as a share of the range; NaN where the
-        references only rise or only fall.
-    curvature : float
-        Largest departure of a parabola through the points from the line, as a share of the range.
-    points : int
-    noise : float
-        Standard deviation of the value while it stood still; NaN where it is not known.
-    doubts : tuple of str
-        What speaks against the line.
-    """
-
+    # [value per raw], [value]
     gain: float
     offset: float
+    # their standard errors
     gain_error: float
     offset_error: float
-    residual: float
+    residual: float  # standard deviation of the references about the line [value]
+    # largest gap between loading and unloading, as a share of the range; NaN where the references
+    # only rise or only fall
     hysteresis: float
+    # largest departure of a parabola through the points from the line, as a share of the range
     curvature: float
     points: int
-    noise: float
-    doubts: tuple[str, ...]
+    noise: float  # standard deviation of the value while it stood still; NaN where it is not known
+    doubts: tuple[str, ...]  # what speaks against the line
 
 
 @dataclass(frozen=True)
@@ -342,34 +323,22 @@ DOUBTFUL_TURN = np.radians(20.0)
 
 @dataclass(frozen=True)
 class Mounting:
-    """Mounting of a sensor, and its bias.
+    """Mounting of a sensor, and its bias."""
 
-    Attributes
-    ----------
-    rotation : (3, 3) array
-        The true axes seen from those that the file says.
-    angle, angle_error : float
-        Of that rotation [rad], and its standard deviation.
-    gyro_bias, accel_bias : (3,) arrays
-        Along the true axes [rad/s, m/s^2]; of an accelerometer the first is zero.
-    gyro_bias_error, accel_bias_error : (3,) arrays
-        Standard deviations, for residuals that are independent of each other.
-    gyro_residual, accel_residual : float
-        Rms of what is left [rad/s, m/s^2].
-    doubts : tuple of str
-        Why the result may not be what it says.
-    """
-
-    rotation: Array
+    rotation: Array  # (3, 3) the true axes seen from those that the file says
+    # of that rotation [rad], and its standard deviation
     angle: float
     angle_error: float
+    # (3,) along the true axes [rad/s, m/s^2]; of an accelerometer the first is zero
     gyro_bias: Array
     accel_bias: Array
+    # (3,) standard deviations, for residuals that are independent of each other
     gyro_bias_error: Array
     accel_bias_error: Array
+    # rms of what is left [rad/s, m/s^2]
     gyro_residual: float
     accel_residual: float
-    doubts: tuple[str, ...]
+    doubts: tuple[str, ...]  # why the result may not be what it says
 
 
 def calibrate_mounting(

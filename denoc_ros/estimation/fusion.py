@@ -5,29 +5,21 @@ from __future__ import annotations
 import bisect
 import math
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.state_history import StateHistory
 from denoc_ros.dynamics.structure import composed_sensors, sensor_rows
 from denoc_ros.errors import StateError
 from denoc_ros.estimation.amplitude_filter import LARGEST, AmplitudeFilter
+from denoc_ros.model.sensors import inertial_values
+from denoc_ros.model.tree import Sensor
 from denoc_ros.settings import documented, require_declared, setting
 from denoc_ros.types import Array
-
-if TYPE_CHECKING:
-    from denoc_ros.dynamics.robot import Robot
-    from denoc_ros.model.tree import Sensor
-from collections.abc import Callable
-
-from denoc_ros.model.sensors import inertial_values
-
-if TYPE_CHECKING:
-    from denoc_ros.dynamics.robot import Robot
-    from denoc_ros.estimation.amplitude_filter import AmplitudeFilter
 
 Value = tuple[float, int, float]  # stamp, place, value
 

@@ -24,14 +24,9 @@ SETTLED_PERIODS = 8  # of the cutoff after which a smoother has forgotten an end
 
 @dataclass(frozen=True)
 class SmoothedMotion:
-    """Joint motion at k stamps.
+    """Joint motion at k stamps."""
 
-    Attributes
-    ----------
-    q, qd, qdd : (k, joints) array
-        rad or m, and per s, per s^2.
-    """
-
+    # (k, joints) rad or m, and per s, per s^2
     q: Array
     qd: Array
     qdd: Array

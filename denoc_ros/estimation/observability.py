@@ -4,17 +4,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.structure import body_amplitudes
 from denoc_ros.model.sensors import inertial_values
 from denoc_ros.types import Array
-
-if TYPE_CHECKING:
-    from denoc_ros.dynamics.robot import Robot
 
 VALUES = 1000  # of every sensor: ten seconds at 100 Hz
 DEFLECTION = 0.01  # deviation of an amplitude before, as a share of its beam's length, or rad
@@ -23,21 +20,11 @@ OBSERVABLE = 0.5  # a state of whose deviation more is left counts as not observ
 
 @dataclass(frozen=True)
 class ObservedState:
-    """A mode's vibration or a constant bias, and its uncertainty with the sensors.
+    """A mode's vibration or a constant bias, and its uncertainty with the sensors."""
 
-    Attributes
-    ----------
-    name : str
-        `mode 1`, or the biased value, such as `imu/gyro_x`.
-    frequency : float
-        Of the mode [Hz]; 0 for a bias.
-    left : float
-        Share of its standard deviation that is left.
-    """
-
-    name: str
-    frequency: float
-    left: float
+    name: str  # `mode 1`, or the biased value, such as `imu/gyro_x`
+    frequency: float  # of the mode [Hz]; 0 for a bias
+    left: float  # share of its standard deviation that is left
 
     @property
     def observable(self) -> bool:

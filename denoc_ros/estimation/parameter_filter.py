@@ -18,27 +18,13 @@ OUTLIER_SIGMAS = 4.0  # deviations beyond which a value counts less, the more th
 
 
 class BlockValues(NamedTuple):
-    """Measurements of c channels over one block of time.
+    """Measurements of c channels over one block of time."""
 
-    Attributes
-    ----------
-    gap : (c,) array
-        Measured minus predicted, the means over the block.
-    by_state : (c, s) array
-        Derivatives of the prediction by the state at the block's beginning.
-    by_parameters : (c, p) array
-        Derivatives by the parameters, over the block.
-    error : (c,) array
-        Deviation of the gap for a known state and known parameters.
-    heard : (c,) bool array
-        Which channels have values.
-    """
-
-    gap: Array
-    by_state: Array
-    by_parameters: Array
-    error: Array
-    heard: Flags
+    gap: Array  # (c,) measured minus predicted, the means over the block
+    by_state: Array  # (c, s) derivatives of the prediction by the state at the block's beginning
+    by_parameters: Array  # (c, p) derivatives by the parameters, over the block
+    error: Array  # (c,) deviation of the gap for a known state and known parameters
+    heard: Flags  # (c,) bool which channels have values
 
 
 class Correction(NamedTuple):

@@ -27,28 +27,21 @@ from denoc_ros.types import Array, Flags
 
 @dataclass(frozen=True)
 class Torques:
-    """Torques of a model along k rows of motion.
+    """Torques of a model along k rows of motion."""
 
-    Attributes
-    ----------
-    parts : dict of str to (k, joints) array
-        gravity, inertia, coriolis, friction, elastic (flexible robots) and offset (with fitted
-        friction): they add up to the torque of the best model [N m, N].
-    models : dict of str to (k, joints) array
-        Torque of the rigid and, with flexible links, of the flexible model.
-    amplitudes : (2, k, n) array or None
-        Coordinates and rates with the amplitudes, where there are any.
-    deflection : (2, k, 6 links) array or None
-        Tip deflections and their rates, as `TipDeflections.names`.
-    modal : (2, k, all) array or None
-        Coordinates and rates of the whole robot, with the springs behind which joints are
-        measured, as `TorqueReplay.whole.names`; None where nothing is elastic.
-    """
-
+    # dict of str to (k, joints) array: gravity, inertia, coriolis, friction, elastic (flexible
+    # robots) and offset (with fitted friction): they add up to the torque of the best model [N m,
+    # N]
     parts: dict[str, Array]
+    # dict of str to (k, joints) array: torque of the rigid and, with flexible links, of the
+    # flexible model
     models: dict[str, Array]
+    # (2, k, n) coordinates and rates with the amplitudes, where there are any
     amplitudes: Array | None
+    # (2, k, 6 links) tip deflections and their rates, as `TipDeflections.names`
     deflection: Array | None
+    # (2, k, all) coordinates and rates of the whole robot, with the springs behind which
+    # joints are measured, as `TorqueReplay.whole.names`; None where nothing is elastic
     modal: Array | None = None
 
     @property

@@ -24,23 +24,17 @@ BaseAt = Callable[[float], BaseMotion | None]
 
 
 class BlockMeans(NamedTuple):
-    """Mean values of c channels over a block: torques of joints, then sensors.
+    """Mean values of c channels over a block: torques of joints, then sensors."""
 
-    Attributes
-    ----------
-    gap, predicted : (c,) arrays
-        Means of measured minus predicted, and of what is predicted.
-    by_state, by_parameters, over_long : arrays (c, s), (c, p), (c, p)
-        Derivatives of the prediction; the last by parameters that were so for longer.
-    heard : (c,) bool array
-    """
-
+    # (c,) means of measured minus predicted, and of what is predicted
     gap: Array
     predicted: Array
+    # by_state, by_parameters, over_long: arrays (c, s), (c, p), (c, p): derivatives of the
+    # prediction; the last by parameters that were so for longer
     by_state: Array
     by_parameters: Array
     over_long: Array
-    heard: Flags
+    heard: Flags  # (c,) bool
 
 
 class TrackedModel:

@@ -26,48 +26,26 @@ LATEST = 0.5  # of a window: it is not begun anew later than that
 
 @dataclass(frozen=True)
 class Check:
-    """Estimate of a mode's frequency and damping by another method.
-
-    Attributes
-    ----------
-    method : str
-    frequency_hz, damping_ratio : float or None
-        None where it does not apply.
-    reason : str
-        Why it does not apply, or why it differs; '' where it agrees.
-    """
+    """Estimate of a mode's frequency and damping by another method."""
 
     method: str
+    # None where it does not apply
     frequency_hz: float | None
     damping_ratio: float | None
-    reason: str
+    reason: str  # why it does not apply, or why it differs; '' where it agrees
 
 
 @dataclass(frozen=True, eq=False)
 class DecayAnalysis:
-    """All that was found in a record of a free decay.
+    """All that was found in a record of a free decay."""
 
-    Attributes
-    ----------
-    record : Record
-        The part that was fitted.
-    window_by : str
-        Who chose it: `given`, `found`, `found where the joints stand` or `whole record`.
-    quality : Quality
-        Of that part.
-    modes : Modes
-    spectra : tuple of SpectralDecay
-        Evolving spectra of the modes, one each.
-    checks : tuple of tuple of Check
-        Other methods, one tuple per mode.
-    """
-
-    record: Record
+    record: Record  # the part that was fitted
+    # who chose it: `given`, `found`, `found where the joints stand` or `whole record`
     window_by: str
-    quality: Quality
+    quality: Quality  # of that part
     modes: Modes
-    spectra: tuple[SpectralDecay, ...]
-    checks: tuple[tuple[Check, ...], ...]
+    spectra: tuple[SpectralDecay, ...]  # evolving spectra of the modes, one each
+    checks: tuple[tuple[Check, ...], ...]  # other methods, one tuple per mode
 
 
 def analyse_decay(

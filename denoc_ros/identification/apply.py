@@ -131,32 +131,19 @@ def _width(mode: Mapping[str, Any]) -> float:
 
 @dataclass(frozen=True)
 class ComparedMode:
-    """One mode over several runs.
+    """One mode over several runs."""
 
-    Attributes
-    ----------
-    runs : tuple of int
-        Places of the results that have it.
-    frequency_hz, damping_ratio : float
-        Means.
-    frequency_deviation_hz, damping_deviation : float
-        Standard deviations between runs; nan of a single one.
-    repeatability : float
-        What the damping ratios of two runs differ by at most in 95 % of cases.
-    expected_deviation : float
-        What the runs' own 95 % intervals of the damping ratio let expect (root mean square).
-    verdicts : tuple of str
-        The runs'.
-    """
-
-    runs: tuple[int, ...]
+    runs: tuple[int, ...]  # places of the results that have it
+    # means
     frequency_hz: float
     damping_ratio: float
+    # standard deviations between runs; nan of a single one
     frequency_deviation_hz: float
     damping_deviation: float
-    repeatability: float
+    repeatability: float  # what the damping ratios of two runs differ by at most in 95 % of cases
+    # what the runs' own 95 % intervals of the damping ratio let expect (root mean square)
     expected_deviation: float
-    verdicts: tuple[str, ...]
+    verdicts: tuple[str, ...]  # the runs'
 
     @property
     def consistent(self) -> bool:

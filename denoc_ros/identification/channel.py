@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from denoc_ros.bags.joint_state import FIELDS, JOINT_STATE
-from denoc_ros.bags.joint_table import TableTimes, shown, table_times
-from denoc_ros.bags.reader import Stamp, bag_topics, read_bag
+from denoc_ros.bags.joint_table import RecordedWindow, shown, table_times
+from denoc_ros.bags.reader import bag_topics, read_bag
 from denoc_ros.bags.series import (
     elapsed,
     element_names,
@@ -30,7 +30,7 @@ DEEPEST = 4  # levels of a message that are looked into
 
 
 @dataclass(frozen=True)
-class Channel:
+class Channel(RecordedWindow):
     """One signal of a file: its place, and its conversion to a quantity.
 
     Attributes
@@ -42,34 +42,18 @@ class Channel:
         message (`wrench.force.x`), or a table's column; '' where there is one only.
     quantity : str
         position, velocity or effort of a JointState.
-    stamp : str
-        Stamps of a bag: `header`, or `log` for the time of recording.
-    time : str
-        A table's column of times; '' for one of the usual names.
-    time_unit : str
-        Of these times: s, ms, us or ns; '' for what the column's name says, else s.
-    rate : float
-        A table's sample rate [Hz], where it has no times; 0: it has.
     gain, offset : float
         value = gain * raw + offset.
     unit : str
         Of the value.
-    begin, end : float
-        Window [s] since the first sample.
     """
 
     topic: str = ''
     field: str = ''
     quantity: str = 'position'
-    stamp: Stamp = 'header'
-    time: str = ''
-    time_unit: str = ''
-    rate: float = 0.0
     gain: float = 1.0
     offset: float = 0.0
     unit: str = ''
-    begin: float = 0.0
-    end: float = float('inf')
 
     @property
     def name(self) -> str:
@@ -80,24 +64,12 @@ class Channel:
 
 @dataclass(frozen=True, eq=False)
 class Reading:
-    """A record and its source.
+    """A record and its source."""
 
-    Attributes
-    ----------
-    record : Record
-        Times from the channel's first sample on [s].
-    path : Path
-        The file.
-    channel : Channel
-        With all that was left out of it filled in.
-    origin_ns : int
-        Stamp of time 0 [ns]; 0 in a table.
-    """
-
-    record: Record
-    path: Path
-    channel: Channel
-    origin_ns: int = 0
+    record: Record  # times from the channel's first sample on [s]
+    path: Path  # the file
+    channel: Channel  # with all that was left out of it filled in
+    origin_ns: int = 0  # stamp of time 0 [ns]; 0 in a table
 
 
 def read_record(path: str | Path, channel: Channel) -> Reading:
@@ -177,8 +149,7 @@ def _table_samples(path: Path, channel: Channel) -> tuple[Channel, Array, Array]
         listed = shown(list(columns))
         raise BagError(f'{path}: field must be a column of numbers ({listed}), got {field!r}')
     values = columns[field]
-    times = TableTimes(channel.time, channel.time_unit, channel.rate)
-    time, unit, t = table_times(path, columns, times, len(values))
+    time, unit, t = table_times(path, columns, channel, len(values))
     if len(t) != len(values):
         raise BagError(
             f'{path}: {field} must have as many values as {time} has ({len(t)}), got {len(values)}'

@@ -24,27 +24,14 @@ NEAR = 1.5  # typical steps to the next sample: farther is a gap
 
 @dataclass(frozen=True, eq=False)
 class Damped:
-    """A fit of m damped cosines.
+    """A fit of m damped cosines."""
 
-    Attributes
-    ----------
-    poles : ndarray, shape (m, 2)
-        Decay rate sigma [1/s] and damped angular frequency [rad/s] of each.
-    weights : ndarray, shape (2 m + 2,)
-        a and b of each, then offset and drift over the whole span (where there are such).
-    residual : ndarray, shape (k,)
-        Measured minus fitted.
-    jacobian : ndarray, shape (k, 2 m)
-        Of the fitted values by the poles, linear part eliminated.
-    span : float
-        What the drift is scaled by [s].
-    """
-
-    poles: Array
+    poles: Array  # (m, 2) decay rate sigma [1/s] and damped angular frequency [rad/s] of each
+    # (2 m + 2,) a and b of each, then offset and drift over the whole span (where there are such)
     weights: Array
-    residual: Array
-    jacobian: Array
-    span: float
+    residual: Array  # (k,) measured minus fitted
+    jacobian: Array  # (k, 2 m) of the fitted values by the poles, linear part eliminated
+    span: float  # what the drift is scaled by [s]
 
     def prediction(self, t: Array) -> Array:
         """Return the fitted values at times t [s]."""

@@ -26,43 +26,17 @@ LOG_RATIO_BOUNDS = (np.log(1e-7), np.log(2.0))
 
 @dataclass(frozen=True)
 class Assigned:
-    """The damping of one amplitude, from one measured mode.
+    """The damping of one amplitude, from one measured mode."""
 
-    Attributes
-    ----------
-    mode : int
-        Place of the measured mode among those given.
-    coordinate : str
-        As in the robot's `coordinate_names`, such as `arm/y1`.
-    path : str
-        The dotted path of its beam's damping ratios, such as `beam.arm.y.damping_ratio`.
-    place : int
-        Its place among them, from 0.
-    measured_hz, measured_ratio : float
-        Frequency [Hz] and damping ratio as measured.
-    model_hz : float
-        Frequency of the model's mode that was taken for it [Hz].
-    share : float
-        Of that mode's strain energy in this amplitude.
-    damping_ratio : float
-        Of the amplitude, at a fixed root.
-    coefficient : float
-        2 damping_ratio sqrt(k m) [unit].
-    unit : str
-        Of the coefficient, for shape functions with max |s| = 1 on the beam.
-    """
-
-    mode: int
-    coordinate: str
-    path: str
-    place: int
-    measured_hz: float
-    measured_ratio: float
-    model_hz: float
-    share: float
-    damping_ratio: float
-    coefficient: float
-    unit: str
+    mode: int  # place of the measured mode among those given
+    coordinate: str  # as in the robot's `coordinate_names`, such as `arm/y1`
+    path: str  # the dotted path of its beam's damping ratios, such as `beam.arm.y.damping_ratio`
+    place: int  # its place among them, from 0
+    model_hz: float  # frequency of the model's mode that was taken for it [Hz]
+    share: float  # of that mode's strain energy in this amplitude
+    damping_ratio: float  # of the amplitude, at a fixed root
+    coefficient: float  # 2 damping_ratio sqrt(k m) [unit]
+    unit: str  # of the coefficient, for shape functions with max |s| = 1 on the beam
 
 
 @dataclass(frozen=True)
@@ -141,8 +115,6 @@ def assign_damping(
             coordinate=amplitude.coordinate,
             path=amplitude.path,
             place=amplitude.place,
-            measured_hz=float(measured[k]),
-            measured_ratio=float(ratios[k]),
             model_hz=float(modes.frequencies[matched[k]]),
             share=float(shares[chosen[k], k]),
             damping_ratio=float(solved[k]),

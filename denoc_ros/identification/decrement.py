@@ -23,26 +23,15 @@ FEWEST_CRESTS = 2
 
 @dataclass(frozen=True, eq=False)
 class Decrement:
-    """Damping ratio from the crests of a decay.
+    """Damping ratio from the crests of a decay."""
 
-    Attributes
-    ----------
-    decrement : float
-        Logarithm of the ratio of crests one cycle apart.
-    damping_ratio : float
-    interval : ndarray, shape (2,)
-        95 % interval of the damping ratio from the scatter of the crests; nan for two of them.
-    frequency : float
-        Undamped natural frequency [Hz] (book: the damped one).
-    time, height : ndarray, shape (k,)
-        Of the extremes used [s], [record's unit]: distances from the level they decay to.
-    convention : str
-    """
-
-    decrement: float
+    decrement: float  # logarithm of the ratio of crests one cycle apart
     damping_ratio: float
+    # (2,) 95 % interval of the damping ratio from the scatter of the crests; nan for two of them
     interval: Array
-    frequency: float
+    frequency: float  # undamped natural frequency [Hz] (book: the damped one)
+    # time, height: (k,) of the extremes used [s], [record's unit]: distances from the level they
+    # decay to
     time: Array
     height: Array
     convention: Convention

@@ -40,44 +40,27 @@ ALIKE = 0.02  # smallest over largest singular value of the inputs: less is one 
 
 @dataclass(frozen=True, eq=False)
 class ForcedModes:
-    """Modes of a frequency response, by rising frequency.
+    """Modes of a frequency response, by rising frequency."""
 
-    Attributes
-    ----------
-    frequency, damping_ratio : ndarray, shape (k,)
-        Undamped natural frequency [Hz, or cycles per sample for stamps that count samples], zeta.
-    interval : ndarray, shape (k, 2)
-        95 % interval of zeta: the wider one of the next two.
-    formal_interval, window_interval : ndarray, shape (k, 2)
-        From the fit's Jacobian and residual; from the spread over quarters of the record.
-    strength : ndarray, shape (k,)
-        Largest response of the mode alone [output's unit per input's].
-    explained : float
-        Part of the output's power at the excited lines that the modes and the start explain.
-    line : ndarray, shape (l,)
-        Excited frequencies [Hz].
-    measured, fitted : ndarray of complex, shape (l, inputs)
-        Frequency response (output over one input, what the others cause taken off), without and
-        with the model.
-    verdict : tuple of str
-    reasons : tuple of tuple of str
-        What each verdict rests on, a good one too.
-    remarks : tuple of str
-        What concerns the whole record, such as why there is no mode.
-    """
-
+    # (k,) undamped natural frequency [Hz, or cycles per sample for stamps that count samples],
+    # zeta
     frequency: Array
     damping_ratio: Array
-    interval: Array
+    interval: Array  # (k, 2) 95 % interval of zeta: the wider one of the next two
+    # (k, 2) from the fit's Jacobian and residual; from the spread over quarters of the record
     formal_interval: Array
     window_interval: Array
-    strength: Array
+    strength: Array  # (k,) largest response of the mode alone [output's unit per input's]
+    # part of the output's power at the excited lines that the modes and the start explain
     explained: float
-    line: Array
+    line: Array  # (l,) excited frequencies [Hz]
+    # measured, fitted: (l, inputs) frequency response (output over one input, what the others
+    # cause taken off), without and with the model
     measured: Complex
     fitted: Complex
     verdict: tuple[str, ...]
-    reasons: tuple[tuple[str, ...], ...]
+    reasons: tuple[tuple[str, ...], ...]  # what each verdict rests on, a good one too
+    # what concerns the whole record, such as why there is no mode
     remarks: tuple[str, ...] = field(default=())
 
     @property

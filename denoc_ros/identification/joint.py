@@ -123,69 +123,33 @@ def _gain(small: SwingFit, large: SwingFit) -> tuple[float, float]:
 
 @dataclass(frozen=True, eq=False)
 class FrictionModel:
-    """One set of friction terms fitted to a swing.
+    """One set of friction terms fitted to a swing."""
 
-    Attributes
-    ----------
-    terms : tuple of str
-        Of viscous, coulomb and quadratic.
-    swing : JointSwing
-        Everything per inertia.
-    residual : float
-        Standard deviation [rad].
-    rejected : str
-        Why it is not the model; empty for the one that is.
-    """
-
-    terms: tuple[str, ...]
-    swing: JointSwing
-    residual: float
-    rejected: str
+    terms: tuple[str, ...]  # of viscous, coulomb and quadratic
+    swing: JointSwing  # everything per inertia
+    residual: float  # standard deviation [rad]
+    rejected: str  # why it is not the model; empty for the one that is
 
 
 @dataclass(frozen=True, eq=False)
 class JointFit:
-    """Friction of a joint.
+    """Friction of a joint."""
 
-    Attributes
-    ----------
-    terms : tuple of str
-        The terms that matter.
-    frequency : float
-        Of small swings without friction [Hz].
-    viscous, coulomb, quadratic : float
-        [N m s/rad], [N m], [N m s^2/rad^2] where the inertia or the gravity torque was given;
-        else per inertia: [1/s], [1/s^2], [1/rad]. 0 for terms that do not matter.
-    interval : dict of str to ndarray, shape (2,)
-        95 % intervals of the terms that matter, in the same units.
-    inertia : float
-        About the joint [kg m^2]; 1 where neither inertia nor gravity torque was given.
-    damping_ratio : float
-        Of small swings, from the viscous term.
-    models : tuple of FrictionModel
-        All that were tried, and why they were rejected.
-    swing : JointSwing
-        The chosen one, per inertia.
-    residual : float
-        Its residual's standard deviation [rad].
-    start : float
-        Where the swing starts on the record's clock [s].
-    verdict : str
-    reasons : tuple of str
-    """
-
-    terms: tuple[str, ...]
-    frequency: float
+    terms: tuple[str, ...]  # the terms that matter
+    frequency: float  # of small swings without friction [Hz]
+    # [N m s/rad], [N m], [N m s^2/rad^2] where the inertia or the gravity torque was given; else
+    # per inertia: [1/s], [1/s^2], [1/rad]. 0 for terms that do not matter.
     viscous: float
     coulomb: float
     quadratic: float
-    interval: dict[str, Array]
+    interval: dict[str, Array]  # (2,) 95 % intervals of the terms that matter, in the same units
+    # about the joint [kg m^2]; 1 where neither inertia nor gravity torque was given
     inertia: float
-    damping_ratio: float
-    models: tuple[FrictionModel, ...]
-    swing: JointSwing
-    residual: float
-    start: float
+    damping_ratio: float  # of small swings, from the viscous term
+    models: tuple[FrictionModel, ...]  # all that were tried, and why they were rejected
+    swing: JointSwing  # the chosen one, per inertia
+    residual: float  # its residual's standard deviation [rad]
+    start: float  # where the swing starts on the record's clock [s]
     large: bool
     verdict: str
     reasons: tuple[str, ...]

@@ -32,23 +32,15 @@ class Record:
 
     Samples that repeat a stamp are left out (the first stays).
 
-    Parameters
-    ----------
-    t : array_like, shape (k,)
-        Stamps [s], increasing.
-    y : array_like, shape (k,)
-        Values [unit].
-    name, unit : str
-        What messages and reports call it.
-
     Raises
     ------
     IdentificationError
         Shapes differ, a number is not finite, stamps go back, or fewer than 8 samples are left.
     """
 
-    t: Array
-    y: Array
+    t: Array  # (k,) stamps [s], increasing
+    y: Array  # (k,) values [unit]
+    # what messages and reports call it
     name: str = 'record'
     unit: str = ''
 
@@ -115,40 +107,21 @@ def _one_dimensional(name: str, field: str, values: ArrayLike | Sequence[float])
 
 @dataclass(frozen=True, eq=False)
 class Quality:
-    """Quality of a record.
-
-    Attributes
-    ----------
-    samples : int
-    duration, rate : float
-        [s], [Hz]: of an unbroken record.
-    gaps, longest_gap : int, float
-        Steps longer than 1.5 typical ones, and the longest step [s].
-    lost : float
-        Part of the samples that an unbroken record would have and this one has not.
-    jitter : float
-        Standard deviation of the steps that are no gaps, in typical steps.
-    clipped : ndarray of bool, shape (k,)
-        Samples at a limit of the sensor's range.
-    resolution : float
-        Distance between the levels of the values [unit]; 0 where there are none.
-    noise : float
-        Standard deviation of what changes from sample to sample [unit].
-    snr_db : float
-        Half the range of the values against the noise [dB].
-    """
+    """Quality of a record."""
 
     samples: int
+    # [s], [Hz]: of an unbroken record
     duration: float
     rate: float
+    # steps longer than 1.5 typical ones, and the longest step [s]
     gaps: int
     longest_gap: float
-    lost: float
-    jitter: float
-    clipped: Mask
-    resolution: float
-    noise: float
-    snr_db: float
+    lost: float  # part of the samples that an unbroken record would have and this one has not
+    jitter: float  # standard deviation of the steps that are no gaps, in typical steps
+    clipped: Mask  # (k,) samples at a limit of the sensor's range
+    resolution: float  # distance between the levels of the values [unit]; 0 where there are none
+    noise: float  # standard deviation of what changes from sample to sample [unit]
+    snr_db: float  # half the range of the values against the noise [dB]
 
 
 def assess(record: Record) -> Quality:

@@ -98,36 +98,17 @@ def quality_of(quality: Quality) -> Document:
 
 @dataclass(frozen=True)
 class DecayOptions:
-    """Part of a recording to identify, and its robot.
+    """Part of a recording to identify, and its robot."""
 
-    Attributes
-    ----------
-    channel : Channel
-        The signal.
-    band : (float, float)
-        Frequencies of the modes that the verdict is of [Hz].
-    count : int or None
-        How many they are, the strongest first; as `strongest` takes it.
-    robot : str
-        Name of the robot's file; '' for the robot in the bag, if there is one.
-    file : Path or None
-        Where that file is.
-    joints : mapping of str to float
-        Positions of joints [rad, m]; the others' are those recorded, else 0.
-    held : bool
-        Whether the joints were held during the decay.
-    gravity : (float, float, float)
-        In the base frame [m/s^2].
-    """
-
-    channel: Channel
-    band: tuple[float, float]
-    count: int | None
-    robot: str
-    file: Path | None
+    channel: Channel  # the signal
+    band: tuple[float, float]  # frequencies of the modes that the verdict is of [Hz]
+    count: int | None  # how many they are, the strongest first; as `strongest` takes it
+    robot: str  # name of the robot's file; '' for the robot in the bag, if there is one
+    file: Path | None  # where that file is
+    # positions of joints [rad, m]; the others' are those recorded, else 0
     joints: Mapping[str, float]
-    held: bool
-    gravity: tuple[float, float, float]
+    held: bool  # whether the joints were held during the decay
+    gravity: tuple[float, float, float]  # in the base frame [m/s^2]
 
 
 def identify_decay(path: Path, options: DecayOptions) -> tuple[Document, DecayAnalysis]:

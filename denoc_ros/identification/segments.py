@@ -58,30 +58,18 @@ TOLERANCE = 0.01  # s
 
 @dataclass(frozen=True)
 class Segment:
-    """A part of a record.
+    """A part of a record."""
 
-    Attributes
-    ----------
-    kind : {'decay', 'step', 'rest'}
-        A decay starts at a release; a step goes from one level to another.
-    start, stop : float
-        [s], on the record's clock.
-    amplitude : float
-        Decay: half the swing at its start; step: change of level; rest: half the swing [unit].
-    level : float
-        Mean at the end [unit].
-    frequency : float
-        Of a decay: where its spectrum is largest [Hz]; 0 for the others.
-    until : float
-        When the next event begins, however small what follows it is [s]; inf for none.
-    """
-
+    # {'decay', 'step', 'rest'}; a decay starts at a release; a step goes from one level to another
     kind: Kind
+    # [s], on the record's clock
     start: float
     stop: float
+    # decay: half the swing at its start; step: change of level; rest: half the swing [unit]
     amplitude: float
-    level: float
-    frequency: float = 0.0
+    level: float  # mean at the end [unit]
+    frequency: float = 0.0  # of a decay: where its spectrum is largest [Hz]; 0 for the others
+    # when the next event begins, however small what follows it is [s]; inf for none
     until: float = np.inf
 
 

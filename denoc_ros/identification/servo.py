@@ -39,52 +39,25 @@ Run = tuple[Array, Array, Array]  # times in equal steps [s], commanded, measure
 
 @dataclass(frozen=True, eq=False)
 class ServoFit:
-    """How one joint follows its commands.
-
-    Attributes
-    ----------
-    joint : str
-    bandwidth, damping, delay : float
-        Natural frequency [Hz] and damping ratio of a second-order lag, and a delay before it [s].
-    gain : float
-        Static gain: how far the joint goes, by how far it is told to.
-    lag : float
-        By how much the joint is late in a slow motion [s]: 2 damping / (2 pi bandwidth) + delay.
-    interval : dict of str to (2,) array
-        95 % intervals of these five; they are positive.
-    offset : float
-        Mean of measured minus commanded at rest [rad, m].
-    distance : float
-        How far the joint was from its command, rms [rad, m].
-    residual : float
-        How far it was from the fit, rms [rad, m].
-    fitted : (k,) array
-        Where the fit has the joint [rad, m], the runs one behind the other.
-    runs : int
-        How many were fitted together.
-    verdict : str
-    reasons : tuple of str
-    """
+    """How one joint follows its commands."""
 
     joint: str
+    # natural frequency [Hz] and damping ratio of a second-order lag, and a delay before it [s]
     bandwidth: float
     damping: float
     delay: float
-    gain: float
+    gain: float  # static gain: how far the joint goes, by how far it is told to
+    # by how much the joint is late in a slow motion [s]: 2 damping / (2 pi bandwidth) + delay
     lag: float
+    # dict of str to (2,) array: 95 % intervals of these five; they are positive
     interval: dict[str, Array]
-    offset: float
-    distance: float
-    residual: float
-    fitted: Array
-    runs: int
+    offset: float  # mean of measured minus commanded at rest [rad, m]
+    distance: float  # how far the joint was from its command, rms [rad, m]
+    residual: float  # how far it was from the fit, rms [rad, m]
+    fitted: Array  # (k,) where the fit has the joint [rad, m], the runs one behind the other
+    runs: int  # how many were fitted together
     verdict: str
     reasons: tuple[str, ...]
-
-
-def fit_servo(joint: str, t: Array, command: Array, measured: Array) -> ServoFit:
-    """Fit a second-order lag with a delay and a static gain to one run: see fit_servo_runs."""
-    return fit_servo_runs(joint, [(t, command, measured)])
 
 
 def fit_servo_runs(joint: str, runs: Sequence[Run]) -> ServoFit:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from denoc_ros.bags.digest import file_hash
-from denoc_ros.bags.joint_table import TableTimes, joint_columns, joints_with, table_times
+from denoc_ros.bags.joint_table import joint_columns, joints_with, table_times
 from denoc_ros.bags.reader import BagMessage, Stamp, read_bag
 from denoc_ros.bags.series import JointSeries, read_joint_states
 from denoc_ros.bags.tables import is_table, read_table
@@ -30,24 +30,13 @@ FIELDS = ('position', 'command')  # of a joint, in a table
 
 @dataclass(frozen=True)
 class ServoOptions:
-    """Where the commanded and measured positions of joints are.
+    """Where the commanded and measured positions of joints are."""
 
-    Attributes
-    ----------
-    channel : Channel
-        Topic of the measured joint states; stamps, times of a table, window.
-    commanded : str
-        Topic of the commands.
-    columns : mapping of str to str
-        Of a table, by `joint.command` or `joint.position`, whatever they are called.
-    joints : sequence of str
-        Those to identify; none: all commanded ones.
-    """
-
-    channel: Channel
-    commanded: str
+    channel: Channel  # topic of the measured joint states; stamps, times of a table, window
+    commanded: str  # topic of the commands
+    # of a table, by `joint.command` or `joint.position`, whatever they are called
     columns: Mapping[str, str]
-    joints: Sequence[str]
+    joints: Sequence[str]  # those to identify; none: all commanded ones
 
     def chosen(self, names: Sequence[str], where: str) -> list[str]:
         """Return the joints to identify of those that a recording has; ConfigError for others."""
@@ -62,21 +51,13 @@ class ServoOptions:
 
 @dataclass(frozen=True)
 class Commands:
-    """Commands over time.
+    """Commands over time."""
 
-    Attributes
-    ----------
-    begin_ns : int
-        Stamp of the first one [ns]: times count from there.
-    names : tuple of str
-        All joints that are commanded.
-    pieces : list of (float, tuple of str, SplineTrajectory or array)
-        From when on [s] which joints are told what: a trajectory, or a position that holds until
-        the next one, towards which it goes linearly.
-    """
-
-    begin_ns: int
-    names: tuple[str, ...]
+    begin_ns: int  # stamp of the first one [ns]: times count from there
+    names: tuple[str, ...]  # all joints that are commanded
+    # list of (float, tuple of str, SplineTrajectory or array): from when on [s] which joints are
+    # told what: a trajectory, or a position that holds until the next one, towards which it goes
+    # linearly
     pieces: list[tuple[float, tuple[str, ...], SplineTrajectory | Array]]
 
     def at(self, t: Array, names: Sequence[str]) -> Array:
@@ -201,7 +182,6 @@ def _of_table(path: Path, options: ServoOptions) -> dict[str, Run]:
     names = options.chosen(known, f'the columns of {path}')
     own = {what: one for what, one in columns.items() if what.rpartition('.')[0] in names}
     found = joint_columns(path, given, names, own, FIELDS)
-    times = TableTimes(channel.time, channel.time_unit, channel.rate)
     runs = {}
     for name in names:
         if missing := [field for field in FIELDS if (name, field) not in found]:
@@ -210,7 +190,7 @@ def _of_table(path: Path, options: ServoOptions) -> dict[str, Run]:
                 f'{", ".join(list(given)[:20])}: --column {name}.{missing[0]}=COLUMN'
             )
         command, position = (given[found[name, field]] for field in ('command', 'position'))
-        _, _, t = table_times(path, given, times, len(position))
+        _, _, t = table_times(path, given, channel, len(position))
         if not len(command) == len(position) == len(t):
             raise BagError(
                 f'{path}: columns of {name} must be as long as the times ({len(t)}), got '

@@ -34,57 +34,29 @@ PEAK = 0.02  # of the highest, for frequencies that are looked for
 
 @dataclass(frozen=True, eq=False)
 class Waterfall:
-    """Spectra of windows moved along a record (the book's fig. 8.5b).
+    """Spectra of windows moved along a record (the book's fig. 8.5b)."""
 
-    Attributes
-    ----------
-    time : ndarray, shape (w,)
-        Middle of each window [s].
-    frequency : ndarray, shape (f,)
-        [Hz]
-    magnitude : ndarray, shape (w, f)
-        Amplitude of a steady cosine that would read the same [record's unit].
-    """
-
-    time: Array
-    frequency: Array
+    time: Array  # (w,) middle of each window [s]
+    frequency: Array  # (f,) [Hz]
+    # (w, f) amplitude of a steady cosine that would read the same [record's unit]
     magnitude: Array
 
 
 @dataclass(frozen=True, eq=False)
 class SpectralDecay:
-    """One mode's decay through the windows (the book's fig. 8.5c) and the damping it gives.
+    """One mode's decay through the windows (the book's fig. 8.5c) and the damping it gives."""
 
-    Attributes
-    ----------
-    frequency : float
-        Undamped natural frequency [Hz] (book: the one that was given).
-    damping_ratio : float
-        nan where the method does not hold.
-    interval : ndarray, shape (2,)
-        95 % interval of the damping ratio.
-    reading : float
-        What the slope says, whether the method holds or not.
-    window : float
-        [s]
-    time, magnitude, floor : ndarray, shape (w,)
-        Middle of each window [s]; the mode's amplitude there; leakage of the others and noise.
-    used : ndarray of bool, shape (w,)
-        The windows that the slope is of.
-    reasons : tuple of str
-        Why the method does not hold; empty where it does.
-    """
-
-    frequency: float
-    damping_ratio: float
-    interval: Array
-    reading: float
-    window: float
+    frequency: float  # undamped natural frequency [Hz] (book: the one that was given)
+    damping_ratio: float  # nan where the method does not hold
+    interval: Array  # (2,) 95 % interval of the damping ratio
+    reading: float  # what the slope says, whether the method holds or not
+    window: float  # [s]
+    # (w,) middle of each window [s]; the mode's amplitude there; leakage of the others and noise
     time: Array
     magnitude: Array
     floor: Array
-    used: Mask
-    reasons: tuple[str, ...]
+    used: Mask  # (w,) the windows that the slope is of
+    reasons: tuple[str, ...]  # why the method does not hold; empty where it does
 
 
 def waterfall(record: Record, window: float) -> Waterfall:

@@ -38,23 +38,14 @@ class JointSwing:
 
     th'' + viscous th' + quadratic |th'| th' + coulomb sign th' + stiffness sin(th) = 0, th from
     the rest position.
-
-    Attributes
-    ----------
-    angle, rate : float
-        At the start [rad], [rad/s].
-    rest : float
-        Measured angle at which gravity is in balance [rad].
-    stiffness : float
-        [1/s^2]
-    viscous, coulomb, quadratic : float
-        [1/s], [1/s^2], [1/rad]
     """
 
+    # at the start [rad], [rad/s]
     angle: float
     rate: float
-    rest: float
-    stiffness: float
+    rest: float  # measured angle at which gravity is in balance [rad]
+    stiffness: float  # [1/s^2]
+    # [1/s], [1/s^2], [1/rad]
     viscous: float = 0.0
     coulomb: float = 0.0
     quadratic: float = 0.0
@@ -164,28 +155,15 @@ def _hermite(times: Array, angles: Array, rates: Array, t: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class SwingFit:
-    """One set of friction terms, fitted to a swing.
+    """One set of friction terms, fitted to a swing."""
 
-    Attributes
-    ----------
-    terms : tuple of str
-        Of viscous, coulomb and quadratic.
-    values : ndarray, shape (4 + terms,)
-        Angle, rate, rest, stiffness and the terms, as in `Swing`.
-    deviation : ndarray, shape (4 + terms,)
-        Standard deviations, residuals that hang together counted as fewer samples; inf where the
-        swing does not determine a value.
-    residual : ndarray, shape (k,)
-        Measured minus simulated [rad].
-    at_zero : tuple of str
-        Terms that the fit put at their bound, 0.
-    """
-
-    terms: Terms
-    values: Array
+    terms: Terms  # of viscous, coulomb and quadratic
+    values: Array  # (4 + terms,) angle, rate, rest, stiffness and the terms, as in `Swing`
+    # (4 + terms,) standard deviations, residuals that hang together counted as fewer samples; inf
+    # where the swing does not determine a value
     deviation: Array
-    residual: Array
-    at_zero: Terms
+    residual: Array  # (k,) measured minus simulated [rad]
+    at_zero: Terms  # terms that the fit put at their bound, 0
 
     @property
     def rss(self) -> float:

@@ -19,11 +19,8 @@ from denoc_ros.kernels.closure import all_rows, constraints
 from denoc_ros.kernels.compiled import inlined, kernel, merged, rows_kernel, shared
 from denoc_ros.kernels.constrained import EXPLICIT, axis_resistance, find_constrained
 from denoc_ros.kernels.constrained_torques import (
-    factor_saddle,
-    find_need,
-    find_reactions,
+    find_least_torques,
     find_torques,
-    keeps_closed,
     row_rate,
 )
 from denoc_ros.kernels.constraint_layout import ROWS
@@ -224,10 +221,6 @@ def deliver_all(handle, verb, actuated, count, targets, row):
     return GOOD if good else NOT_FINITE
 
 
-# statuses: accelerations open the rows; they are none that the actuated joints can give
-OPENING = 6
-BEYOND_REACH = 7
-
 LOAD = 7  # numbers of a wrench: row of its frame, force, torque
 
 
@@ -345,18 +338,13 @@ def find_constrained_derivatives(handle, verb, actuated, count, state, loads, wr
     status = find_accelerations(handle, verb, flags, q, qd, third, force, places)
     if status != GOOD:
         return status
-    constraint_rates(handle, q, qd, qdd, places.rates)
     rank = 0
-    if verb != cdiff_.FORWARD:
-        need = room(topology, work, places, n, cdiff_.NEED)
-        find_need(handle, q, qd, qdd, places, force, need)
-        if not all_finite(need, n):
-            return NOT_FINITE
-        if not keeps_closed(topology, work, qd, qdd, places, n):
-            return OPENING
-        rank = factor_saddle(topology, work, places, flags, n)
-        if not find_reactions(topology, work, places, rank, flags, need, n):
-            return BEYOND_REACH
+    if verb == cdiff_.FORWARD:
+        constraint_rates(handle, q, qd, qdd, places.rates)
+    else:
+        status, rank = find_least_torques(handle, q, qd, qdd, flags, force, places)
+        if status != GOOD:
+            return status
     status = find_matrices(handle, q, qd, qdd, loads, wrenches, places)
     if verb != cdiff_.INVERSE:
         solve_tree(handle, flags, places)

@@ -16,9 +16,11 @@ from denoc_ros.kernels import constraint_layout as loop_
 from denoc_ros.kernels.closure import all_rows, constraints
 from denoc_ros.kernels.compiled import inlined, merged, shared
 from denoc_ros.kernels.constrained import axis_resistance
-from denoc_ros.kernels.constraint_rates import add_products, constraint_rates, room
-from denoc_ros.kernels.handle import at, coordinates, model_arrays
+from denoc_ros.kernels.constraint_rates import add_products, constraint_rates, places_of, room
+from denoc_ros.kernels.handle import GOOD, NOT_FINITE, at, coordinates, model_arrays
 from denoc_ros.kernels.inverse import find_torque
+from denoc_ros.kernels.states import over_rows
+from denoc_ros.kernels.vector import all_finite
 
 
 @inlined
@@ -200,10 +202,14 @@ def add_open(work, a, m, order, rank, x, count, room, b):
         work[b + k] += work[room + k]
 
 
-# As in dynamics.constraints. The verbs themselves say what is wrong, and their sums round
-# differently: what they let pass must pass here.
 LEAST_COLUMN = 1e-6
-AGREEMENT = 2e-6
+# Equations that cannot all be met contradict each other by more than this part of their terms:
+# a closed state is closed to 1e-9, torques and accelerations come from files and trajectories.
+AGREEMENT = 1e-6
+
+# statuses: accelerations open the rows; they are none that the actuated joints can give
+OPENING = 6
+BEYOND_REACH = 7
 
 
 @inlined
@@ -234,6 +240,17 @@ def find_need(handle, q, qd, qdd, places, force, need):
             need[j] += resistance * work[row + j]
 
 
+@inlined
+def note_worst(topology, work, residual, index, found):
+    """Keep the greatest residual and its index, if it is greater than the one found before."""
+    if abs(residual) <= abs(found):
+        return found
+    t = at(topology, 0, loop_.CONSTRAINTS_WORK)
+    work[t + loop_.WORST] = index
+    work[t + loop_.RESIDUAL] = residual
+    return residual
+
+
 @merged
 def keeps_closed(topology, work, qd, qdd, places, n):
     """Say whether accelerations keep the rows closed, whose rates along the motion stand."""
@@ -246,8 +263,9 @@ def keeps_closed(topology, work, qd, qdd, places, n):
         for j in range(n):
             total += work[row + j] * qdd[j]
             terms += abs(work[row + j] * qdd[j])
-        worst, greatest = max(worst, abs(total)), max(greatest, terms)
-    return worst <= AGREEMENT * (1.0 + greatest)
+        worst = note_worst(topology, work, total, k, worst)
+        greatest = max(greatest, terms)
+    return abs(worst) <= AGREEMENT * (1.0 + greatest)
 
 
 @merged
@@ -298,13 +316,54 @@ def find_reactions(topology, work, places, rank, flags, need, n):
         left = need[j] - flags[j] * torques[j]
         for k in range(hard):
             left -= work[places.rates + n * k + j] * weights[k]
-        worst = max(worst, abs(left))
+        worst = note_worst(topology, work, left, j, worst)
     for j in range(m):
         work[places.sides + j] = weights[j - n] if j >= n else 0.0
     solve_saddle(work, places, m, rank, 1)
     for j in range(n):
         turning[j] = work[places.solution + j]
-    return worst <= AGREEMENT * (1.0 + greatest)
+    return abs(worst) <= AGREEMENT * (1.0 + greatest)
+
+
+@shared
+def find_least_torques(handle, q, qd, qdd, flags, force, places):
+    """Find the torques of joints with flags, and multipliers, of a motion; both stay in work.
+
+    Forces (n) act beside these torques. Returns the status, and the rank of the saddle, which
+    stays decomposed. The constraints' workspace has the worst row or coordinate of a bad one.
+    """
+    topology, _constants, work, _diagonals, _bodies = model_arrays(handle)
+    n = coordinates(handle)
+    need = room(topology, work, places, n, cdiff_.NEED)
+    constraint_rates(handle, q, qd, qdd, places.rates)
+    find_need(handle, q, qd, qdd, places, force, need)
+    if not all_finite(need, n):
+        return NOT_FINITE, 0
+    if not keeps_closed(topology, work, qd, qdd, places, n):
+        return OPENING, 0
+    rank = factor_saddle(topology, work, places, flags, n)
+    if not find_reactions(topology, work, places, rank, flags, need, n):
+        return BEYOND_REACH, rank
+    return GOOD, rank
+
+
+@shared
+def find_constrained_torques(handle, held, q, qd, qdd, force, torque, multipliers):
+    """Write torques (n) of held joints and multipliers (rows) of least norm for a motion."""
+    topology, _constants, work, _diagonals, _bodies = model_arrays(handle)
+    n = coordinates(handle)
+    places = places_of(topology, n)
+    status, _rank = find_least_torques(handle, q, qd, qdd, held, force, places)
+    torques = room(topology, work, places, n, cdiff_.TORQUES)
+    weights = room(topology, work, places, n, cdiff_.WEIGHTS)
+    for j in range(n):
+        torque[j] = held[j] * torques[j]
+    for k in range(at(topology, 0, loop_.ROWS)):
+        multipliers[k] = weights[k]
+    return status
+
+
+constrained_torques_rows = over_rows('constrained_torques_rows', find_constrained_torques, 7)
 
 
 @merged

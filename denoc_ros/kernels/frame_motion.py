@@ -6,6 +6,7 @@ partial derivatives are time derivatives of columns; of rotations they differ by
 
     dv/dq_j = L'     dw/dq_j = T' + T x w     da/dq_j = L''    dal/dq_j = T'' + T' x w + T x al
     da/dq'_j = 2 L'  dal/dq'_j = 2 T' + T x w
+
 An IMU reads angular velocity and specific force of its frame, along its own axes.
 """
 

@@ -29,18 +29,11 @@ def _gauss() -> tuple[Array, Array]:
 
 @dataclass(frozen=True)
 class Along:
-    """A function of the share 0 .. 1 of a beam's length: a polynomial between each two breaks.
+    """A function of the share 0 .. 1 of a beam's length: a polynomial between each two breaks."""
 
-    Attributes
-    ----------
-    breaks : tuple of float
-        Rising, from 0 to 1. At a break the function, or a derivative of it, may jump.
-    pieces : tuple of tuples of float
-        Chebyshev coefficients of each interval.
-    """
-
+    # rising, from 0 to 1. At a break the function, or a derivative of it, may jump.
     breaks: tuple[float, ...] = (0.0, 1.0)
-    pieces: tuple[tuple[float, ...], ...] = ((1.0,),)
+    pieces: tuple[tuple[float, ...], ...] = ((1.0,),)  # Chebyshev coefficients of each interval
 
     @cached_property
     def uniform(self) -> bool:

@@ -18,22 +18,13 @@ from denoc_ros.types import Array
 
 @dataclass(frozen=True)
 class CrossSection:
-    """A cross-section of a beam along X, symmetric about its y and z axes.
+    """A cross-section of a beam along X, symmetric about its y and z axes."""
 
-    Attributes
-    ----------
-    area : float
-        [m^2].
-    moment_y, moment_z : float
-        Second moment of area for deflection along y, and along z [m^4].
-    torsion_constant : float
-        St-Venant's [m^4].
-    """
-
-    area: float
+    area: float  # [m^2]
+    # second moment of area for deflection along y, and along z [m^4]
     moment_y: float
     moment_z: float
-    torsion_constant: float
+    torsion_constant: float  # St-Venant's [m^4]
 
     @property
     def polar_moment(self) -> float:
@@ -176,24 +167,12 @@ class BeamSection:
 
 @dataclass(frozen=True)
 class StrainLimit:
-    """The largest strain of a beam that a plan may need.
+    """The largest strain of a beam that a plan may need."""
 
-    Attributes
-    ----------
-    strain : float
-        Of the outer fibre; inf: none.
-    surface : (float, float)
-        How far it is along y and z [m]; 0: not known.
-    corners : bool
-        Whether strains of both directions add up in the section's corners.
-    of_section : bool
-        Whether the beam has one `<section>`.
-    """
-
-    strain: float = math.inf
-    surface: tuple[float, float] = (0.0, 0.0)
-    corners: bool = False
-    of_section: bool = False
+    strain: float = math.inf  # of the outer fibre; inf: none
+    surface: tuple[float, float] = (0.0, 0.0)  # how far it is along y and z [m]; 0: not known
+    corners: bool = False  # whether strains of both directions add up in the section's corners
+    of_section: bool = False  # whether the beam has one `<section>`
 
 
 NO_LIMIT = StrainLimit()

@@ -287,21 +287,11 @@ LEAST_ELEMENTS = 12
 
 @dataclass(frozen=True, eq=False)
 class PiecewiseShapes(ShapeFunctions):
-    """Shape functions that are a polynomial between each two edges.
+    """Shape functions that are a polynomial between each two edges."""
 
-    Attributes
-    ----------
-    length : float
-        Length of the beam [m].
-    spans : tuple of float
-        Shares of the length, from 0 to 1.
-    coefficients : ndarray (DEGREE + 1, elements, modes)
-        Of Legendre polynomials.
-    """
-
-    length: float
-    spans: tuple[float, ...]
-    coefficients: Array
+    length: float  # length of the beam [m]
+    spans: tuple[float, ...]  # shares of the length, from 0 to 1
+    coefficients: Array  # (DEGREE + 1, elements, modes) of Legendre polynomials
 
     @property
     def edges(self) -> tuple[float, ...]:

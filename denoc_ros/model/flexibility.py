@@ -22,14 +22,16 @@ from denoc_ros.model.beam_sections import (
 from denoc_ros.model.component_links import FlexibleElement, read_flexible
 from denoc_ros.model.findings import Element, Findings, Reader
 from denoc_ros.model.rigid_urdf import RigidUrdf
-from denoc_ros.model.sensors import (
-    InertialElement,
-    SensorElement,
-    read_inertial_sensor,
-    read_sensor,
-)
+from denoc_ros.model.sensors import read_inertial_sensor, read_sensor
 from denoc_ros.model.shapes import SHAPES
-from denoc_ros.model.tree import INERTIAL_PARTS, SIDES, JointKind, Spring
+from denoc_ros.model.tree import (
+    INERTIAL_PARTS,
+    SIDES,
+    InertialElement,
+    JointKind,
+    SensorElement,
+    Spring,
+)
 from denoc_ros.types import Array
 
 MOST_MODES = 50  # more would only be a typing error

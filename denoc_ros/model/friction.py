@@ -18,17 +18,10 @@ def slip(rate: Array | float) -> Array:
 
 @dataclass(frozen=True)
 class Friction:
-    """Friction viscous q' + coulomb tanh(q' / SLIP_RATE) of joints, against their motion.
+    """Friction viscous q' + coulomb tanh(q' / SLIP_RATE) of joints, against their motion."""
 
-    Attributes
-    ----------
-    viscous : (joints,) array
-        [N m s/rad, N s/m]
-    coulomb, offset : (joints,) array
-        [N m, N]; the offset is an effort's beside friction.
-    """
-
-    viscous: Array
+    viscous: Array  # (joints,) [N m s/rad, N s/m]
+    # (joints,) [N m, N]; the offset is an effort's beside friction
     coulomb: Array
     offset: Array | float = 0.0
 

@@ -23,6 +23,7 @@ from pathlib import Path
 
 import numpy as np
 from lxml import etree
+from scipy.spatial.transform import Rotation
 
 from denoc_ros.errors import ModelError
 from denoc_ros.model.arrays import is_flexible
@@ -58,42 +59,23 @@ ARM = 1.0  # m, between the two points on the axis of a loop's revolute joint
 
 @dataclass(frozen=True)
 class ChainedDeformation:
-    """The hinges that stand for one deformation of a beam, or of a segment of one.
+    """The hinges that stand for one deformation of a beam, or of a segment of one."""
 
-    Attributes
-    ----------
-    coordinates : tuple of str
-        Names of the model's amplitudes of it.
-    hinges : tuple of str
-    amplitudes : (modes, hinges) array
-        Amplitude per hinge angle, by projection.
-    angles : (modes, hinges) array
-        Hinge angle per amplitude.
-    """
-
-    coordinates: tuple[str, ...]
+    coordinates: tuple[str, ...]  # names of the model's amplitudes of it
     hinges: tuple[str, ...]
-    amplitudes: Array
-    angles: Array
+    amplitudes: Array  # (modes, hinges) amplitude per hinge angle, by projection
+    angles: Array  # (modes, hinges) hinge angle per amplitude
 
 
 @dataclass(frozen=True)
 class Mjcf:
-    """A model for MuJoCo.
+    """A model for MuJoCo."""
 
-    Attributes
-    ----------
-    text : str
-        The file. Bodies and joints have the names of the description; a site has the name of each
-        link's and loop's frame and stands where it does; rods are `link/rod1`, ..., their hinges
-        `link/rod1/y`, `/z` and `/t`; `link/tip` is the site of a beam's tip.
-    notes : tuple of str
-        Where it means something else than the description.
-    deformations : tuple of ChainedDeformation
-    """
-
+    # the file. Bodies and joints have the names of the description; a site has the name of each
+    # link's and loop's frame and stands where it does; rods are `link/rod1`, ..., their hinges
+    # `link/rod1/y`, `/z` and `/t`; `link/tip` is the site of a beam's tip.
     text: str
-    notes: tuple[str, ...]
+    notes: tuple[str, ...]  # where it means something else than the description
     deformations: tuple[ChainedDeformation, ...] = ()
 
 
@@ -627,8 +609,6 @@ def _range(limits: Limits) -> dict[str, str]:
 
 def _pose(pose: Array) -> dict[str, str]:
     """Return a pose (4, 4) as attributes."""
-    from scipy.spatial.transform import Rotation
-
     x, y, z, w = Rotation.from_matrix(pose[:3, :3]).as_quat()
     turned = {} if np.array_equal(pose[:3, :3], np.eye(3)) else {'quat': _text(w, x, y, z)}
     return {'pos': _text(*pose[:3, 3]), **turned}

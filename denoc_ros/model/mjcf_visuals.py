@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 from lxml import etree
+from scipy.spatial.transform import Rotation
 
 from denoc_ros.model.findings import Element, Findings, Reader
 from denoc_ros.model.mesh_files import mesh_file
@@ -124,8 +125,6 @@ def _mesh(
 
 
 def _placed(pose: Array) -> dict[str, str]:
-    from scipy.spatial.transform import Rotation
-
     x, y, z, w = Rotation.from_matrix(pose[:3, :3]).as_quat()
     return {'pos': _text(*pose[:3, 3]), 'quat': _text(w, x, y, z)}
 

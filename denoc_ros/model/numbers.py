@@ -92,38 +92,21 @@ def _with(holder: Any, fields: tuple[str, ...], element: Any) -> Any:
 
 
 class Number(NamedTuple):
-    """A number of a robot, or several of one kind such as the damping of each mode of a beam.
-
-    Attributes
-    ----------
-    path : str
-    unit : str
-    place : Place
-        Of the element that has it as an attribute.
-    attribute : str
-    term : str
-        The term of the dynamics that is linear in it: one of `coordinates.TERMS`, or `inertia`;
-        '' for none.
-    coordinates : tuple of int
-        Those that it acts along.
-    positive, signed : bool
-        Whether it must be > 0; whether it may be < 0.
-    counts : tuple of int
-        How many numbers may be given.
-    segments : int
-        Of a beam's, how many bodies have it, one after another.
-    """
+    """A number of a robot, or several of one kind such as the damping of each mode of a beam."""
 
     path: str
     unit: str
-    place: Place
+    place: Place  # of the element that has it as an attribute
     attribute: str
+    # the term of the dynamics that is linear in it: one of `coordinates.TERMS`, or `inertia`; ''
+    # for none
     term: str = ''
-    coordinates: tuple[int, ...] = ()
+    coordinates: tuple[int, ...] = ()  # those that it acts along
+    # whether it must be > 0; whether it may be < 0
     positive: bool = False
     signed: bool = False
-    counts: tuple[int, ...] = (1,)
-    segments: int = 1
+    counts: tuple[int, ...] = (1,)  # how many numbers may be given
+    segments: int = 1  # of a beam's, how many bodies have it, one after another
 
     def get(self, tree: Tree) -> Value:
         """Return the value that a robot has."""

@@ -17,22 +17,14 @@ LIMITS = {'modes': MOST_MODES, 'segments': MOST_SEGMENTS}
 
 @dataclass(frozen=True)
 class PlantDescription:
-    """How every beam of a plant is described, where that differs from the robot's file.
+    """How every beam of a plant is described, where that differs from the robot's file."""
 
-    Attributes
-    ----------
-    modes : int
-        Of each bending plane and of torsion, per segment; 0: as in the file. What the file takes
-        as rigid stays rigid. Further modes are damped as the file's last.
-    shape : str
-        Shape functions of bending; '': as in the file, and Craig-Bampton where beams are divided.
-    segments : int
-        Per beam; 0: as in the file.
-    """
-
+    # of each bending plane and of torsion, per segment; 0: as in the file. What the file takes as
+    # rigid stays rigid. Further modes are damped as the file's last.
     modes: int = 0
+    # shape functions of bending; '': as in the file, and Craig-Bampton where beams are divided
     shape: str = ''
-    segments: int = 0
+    segments: int = 0  # per beam; 0: as in the file
 
     def __bool__(self) -> bool:
         """Whether it says anything."""

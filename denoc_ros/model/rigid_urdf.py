@@ -13,7 +13,7 @@ from lxml import etree
 
 from denoc_ros.model.findings import Element, Findings, Reader
 from denoc_ros.model.inertia import from_centre, moved
-from denoc_ros.model.tree import JointKind, Limits, Mimic, RigidInertia
+from denoc_ros.model.tree import Joint, JointKind, Limits, Mimic, RigidInertia
 from denoc_ros.types import Array
 
 KINDS = {
@@ -30,21 +30,13 @@ WITHOUT_AXIS = ('fixed', 'floating')
 CHECKED = (*ENDS, 'axis', 'limit', 'dynamics', 'mimic')  # of a joint; the rest is not read
 
 
-@dataclass(frozen=True)
-class RigidUrdfJoint:
-    """A joint as the URDF says it."""
+@dataclass(frozen=True, kw_only=True)
+class RigidUrdfJoint(Joint):
+    """A joint as the URDF says it, and its links."""
 
-    name: str
-    kind: JointKind
     parent: str
     child: str
     origin: Array  # (4, 4) joint frame seen from the parent link's frame
-    axis: Array  # (3,) unit, in the joint frame
-    limits: Limits
-    damping: float
-    friction: float
-    mimic: Mimic | None
-    continuous: bool
 
 
 @dataclass(frozen=True)
@@ -322,15 +314,15 @@ def _joint(joint: Any) -> RigidUrdfJoint:
     return RigidUrdfJoint(
         joint.name,
         kind,
-        joint.parent,
-        joint.child,
-        np.eye(4) if joint.origin is None else joint.origin,
         axis / np.linalg.norm(axis),
         _limits(joint),
         damping,
         friction,
-        _mimic(joint),
-        joint.type == 'continuous',
+        mimic=_mimic(joint),
+        continuous=joint.type == 'continuous',
+        parent=joint.parent,
+        child=joint.child,
+        origin=np.eye(4) if joint.origin is None else joint.origin,
     )
 
 

@@ -9,18 +9,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from lxml import etree
+from scipy.spatial.transform import Rotation
 
 from denoc_ros.errors import ModelError
 from denoc_ros.model.findings import Element, Findings
 from denoc_ros.model.mjcf import SEGMENTS, mjcf
+from denoc_ros.model.tree import Tree
 from denoc_ros.types import Array
-
-if TYPE_CHECKING:
-    from denoc_ros.model.tree import Tree
 
 VERSION = '1.11'  # has mimic joints
 SHARE = 0.01  # of a body's mass and inertia: of the link between two of its hinges
@@ -33,18 +31,10 @@ LEFT_OUT = {
 
 @dataclass(frozen=True)
 class Sdf:
-    """A model for Gazebo.
+    """A model for Gazebo."""
 
-    Attributes
-    ----------
-    text : str
-        The file. Links and joints have the names of the MJCF model's bodies and joints.
-    notes : tuple of str
-        What is left out, or means something else than the description.
-    """
-
-    text: str
-    notes: tuple[str, ...]
+    text: str  # the file. Links and joints have the names of the MJCF model's bodies and joints.
+    notes: tuple[str, ...]  # what is left out, or means something else than the description
 
 
 def sdf(tree: Tree, gravity: Array, segments: int = SEGMENTS, folder: Path | None = None) -> Sdf:
@@ -82,7 +72,7 @@ def sdf(tree: Tree, gravity: Array, segments: int = SEGMENTS, folder: Path | Non
     ModelError.raise_any(tree.name, findings.items)
     made = mjcf(tree, gravity, segments, folder)
     chain = etree.fromstring(made.text.encode())
-    writer = _Writer(chain)
+    writer = _SdfWriter(chain)
     root = etree.Element('sdf', version=VERSION)
     model = etree.SubElement(root, 'model', name=tree.name)
     for body in chain.findall('worldbody/body'):
@@ -93,7 +83,7 @@ def sdf(tree: Tree, gravity: Array, segments: int = SEGMENTS, folder: Path | Non
     return Sdf(text, (*notes, *kept, 'gravity: that of the world'))
 
 
-class _Writer:
+class _SdfWriter:
     def __init__(self, chain: Element) -> None:
         self._chain = chain
         self._meshes = {mesh.get('name'): mesh for mesh in chain.iterfind('asset/mesh')}
@@ -217,8 +207,6 @@ def _fixed(model: Element, name: str, parent: str, child: str) -> None:
 
 def _pose(element: Element) -> Array:
     """Return the pose (4, 4) of an element of MJCF."""
-    from scipy.spatial.transform import Rotation
-
     pose = np.eye(4)
     pose[:3, 3] = _numbers(element.get('pos', '0 0 0'))
     w, x, y, z = _numbers(element.get('quat', '1 0 0 0'))
@@ -228,8 +216,6 @@ def _pose(element: Element) -> Array:
 
 def _six(pose: Array) -> str:
     """Return a pose as x y z roll pitch yaw."""
-    from scipy.spatial.transform import Rotation
-
     angles = Rotation.from_matrix(pose[:3, :3]).as_euler('xyz')
     return _text(np.append(pose[:3, 3], angles))
 

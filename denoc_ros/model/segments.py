@@ -32,20 +32,11 @@ ROOT = 1e-12  # of a beam's length: what arithmetic leaves of station 0
 
 @dataclass(frozen=True)
 class WholeBeam:
-    """A flexible link: the bodies of its segments, root first.
-
-    Attributes
-    ----------
-    link : str
-    first : int
-        Index of the first segment's body in `Tree.bodies`; the others follow it.
-    beams : tuple of Beam
-        The segments, root first.
-    """
+    """A flexible link: the bodies of its segments, root first."""
 
     link: str
-    first: int
-    beams: tuple[Beam, ...]
+    first: int  # index of the first segment's body in `Tree.bodies`; the others follow it
+    beams: tuple[Beam, ...]  # the segments, root first
 
     @property
     def segment(self) -> Beam:

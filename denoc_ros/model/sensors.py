@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -12,12 +12,12 @@ from denoc_ros.model.findings import Element, Findings, Reader
 from denoc_ros.model.segments import locate
 from denoc_ros.model.tree import (
     INERTIAL_PARTS,
-    Attachment,
     Beam,
     ComponentModes,
     Deformation,
-    InertialSensor,
+    InertialElement,
     Sensor,
+    SensorElement,
     Tree,
 )
 from denoc_ros.types import Array
@@ -27,25 +27,6 @@ ON_MESH = ('name', 'type', 'link', 'point', 'gain', 'offset', 'noise')
 # of geometry_msgs/WrenchStamped, in its order
 WRENCH_FIELDS = ('force.x', 'force.y', 'force.z', 'torque.x', 'torque.y', 'torque.z')
 OWN = {'strain_gauge': ('surface',), 'load_cell': ('component',), 'deflection': ()}
-
-
-@dataclass(frozen=True)
-class SensorElement:
-    """`<sensor>` as the file says it."""
-
-    name: str
-    type: str
-    link: str
-    station: float  # m
-    direction: str  # y | z
-    surface: float  # m, of a strain gauge
-    component: str  # moment | shear, of a load cell
-    gain: float
-    offset: float
-    noise: float
-    topic: str
-    field: str
-    point: str = ''  # strain point of a link reduced from finite elements
 
 
 def read_sensor(
@@ -114,7 +95,7 @@ def read_sensor(
     return sensor if len(findings.items) == before else None
 
 
-def sensor_row(element: SensorElement | Sensor, beam: Beam, station: float) -> Array:
+def sensor_row(element: SensorElement, beam: Beam, station: float) -> Array:
     """Return the derivative of a sensor's value by the amplitudes of its segment.
 
     Parameters
@@ -180,13 +161,13 @@ def deflection_row(
     return np.concatenate([*rows, sensor_row(element, beams[segment], station)])
 
 
-def _bending(element: SensorElement | Sensor, beam: Beam) -> Deformation:
+def _bending(element: SensorElement, beam: Beam) -> Deformation:
     deformation = beam.y if element.direction == 'y' else beam.z
     assert deformation is not None
     return deformation
 
 
-def _among_all(element: SensorElement | Sensor, beam: Beam, part: Array) -> Array:
+def _among_all(element: SensorElement, beam: Beam, part: Array) -> Array:
     """Return a row over all amplitudes of a segment from one over those of its direction."""
     ny, nz, nt = beam.modes
     row = np.zeros(ny + nz + nt)
@@ -203,40 +184,13 @@ def make_sensor(element: SensorElement, body: int, beams: Sequence[Beam]) -> Sen
         row = deflection_row(element, beams, segment, station)
     else:
         body, row = body + segment, sensor_row(element, beams[segment], station)
-    return Sensor(
-        element.name,
-        element.type,
-        element.link,
-        body,
-        row,
-        element.gain,
-        element.offset,
-        element.noise,
-        element.topic,
-        element.field,
-        element.component,
-        min(element.station, beam.whole_length),
-        element.direction,
-        element.surface,
-    )
+    element = replace(element, station=min(element.station, beam.whole_length))
+    return Sensor(**vars(element), body=body, row=row)
 
 
 def make_strain_sensor(element: SensorElement, body: int, modes: ComponentModes) -> Sensor:
     """Return the gauge on a strain point of a link reduced from finite elements."""
-    return Sensor(
-        element.name,
-        element.type,
-        element.link,
-        body,
-        modes.link.strain[element.point].row,
-        element.gain,
-        element.offset,
-        element.noise,
-        element.topic,
-        element.field,
-        '',
-        point=element.point,
-    )
+    return Sensor(**vars(element), body=body, row=modes.link.strain[element.point].row)
 
 
 def wrench_field(sensor: Sensor, tree: Tree) -> str:
@@ -283,28 +237,6 @@ def inertial_values(tree: Tree) -> tuple[SensorValue, ...]:
                 noise, bias = sensor.accel_noise, sensor.accel_bias
                 found.append(SensorValue(name, place, noise, bias, sensor.topic, 'accel'))
     return tuple(found)
-
-
-@dataclass(frozen=True)
-class InertialElement:
-    """The sensor as the file says it."""
-
-    name: str
-    type: str  # imu | accelerometer
-    link: str
-    station: float | None  # m, on a link with a beam
-    origin: Array  # (4, 4) of its axes, seen from the section or the link frame
-    topic: str
-    first: int  # place of its first value among those of all sensors
-    gyro_noise: float  # rad/s
-    accel_noise: float  # m/s^2
-    gyro_bias: float  # rad/s
-    accel_bias: float  # m/s^2
-
-    @property
-    def parts(self) -> tuple[str, ...]:
-        """Names of its values."""
-        return INERTIAL_PARTS[self.type]
 
 
 def read_inertial_sensor(
@@ -361,19 +293,3 @@ def _read_station(
         rule = 'not stand for a link without a <beam>; xyz says where it is'
         reader.fail('station', rule, reader.element.get('station'))
     return None
-
-
-def make_inertial_sensor(element: InertialElement, mount: Attachment) -> InertialSensor:
-    """Return the sensor, given where its axes are mounted."""
-    return InertialSensor(
-        element.name,
-        element.type,
-        element.link,
-        mount,
-        element.first,
-        element.gyro_noise,
-        element.accel_noise,
-        element.gyro_bias,
-        element.accel_bias,
-        element.topic,
-    )

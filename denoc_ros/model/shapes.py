@@ -119,26 +119,13 @@ class ShapeFunctions(ABC):
 
 @dataclass(frozen=True, eq=False)
 class WaveShapes(ShapeFunctions):
-    """Shape functions of a uniform beam.
+    """Shape functions of a uniform beam."""
 
-    Attributes
-    ----------
-    length : float
-        Length of the beam [m].
-    wave_numbers : ndarray (w,)
-        beta of the waves [-].
-    waves : ndarray (w, 4)
-        A, B, C, D of each wave.
-    cubics : ndarray (c, 4)
-        Coefficients of each cubic in x / length, constant first.
-    mixing : ndarray (w + c, modes)
-        Each column makes one shape function of the waves and cubics.
-    """
-
-    length: float
-    wave_numbers: Array
-    waves: Array
-    cubics: Array
+    length: float  # length of the beam [m]
+    wave_numbers: Array  # (w,) beta of the waves [-]
+    waves: Array  # (w, 4) a, B, C, D of each wave
+    cubics: Array  # (c, 4) coefficients of each cubic in x / length, constant first
+    # (w + c, modes) each column makes one shape function of the waves and cubics
     mixing: Array
 
     @property
@@ -178,17 +165,11 @@ STEP, HINGE = 0, 1  # the lowest derivative that jumps
 
 @dataclass(frozen=True)
 class CutShapes(ShapeFunctions):
-    """Shape functions, and behind them those of a beam that is cut at some stations.
-
-    Attributes
-    ----------
-    smooth : ShapeFunctions
-    cuts : tuple of (float, int)
-        Station [m], and HINGE (x - station beyond it, 0 before) or STEP (1 beyond it). Their
-        curvature at the station itself is left out.
-    """
+    """Shape functions, and behind them those of a beam that is cut at some stations."""
 
     smooth: ShapeFunctions
+    # station [m], and HINGE (x - station beyond it, 0 before) or STEP (1 beyond it). Their
+    # curvature at the station itself is left out.
     cuts: tuple[tuple[float, int], ...]
 
     @property

@@ -336,7 +336,26 @@ class Body:
 
 
 @dataclass(frozen=True)
-class Sensor:
+class SensorElement:
+    """`<sensor>` of a flexible link, as the file says it."""
+
+    name: str
+    type: str  # strain_gauge | load_cell | deflection
+    link: str
+    station: float  # m, on the link's whole beam
+    direction: str  # y | z
+    surface: float  # m, of a strain gauge
+    component: str  # moment | shear for a load cell, else ''
+    gain: float
+    offset: float
+    noise: float
+    topic: str
+    field: str  # index or name in the message, '' if not given
+    point: str  # strain point of a link with component modes
+
+
+@dataclass(frozen=True)
+class Sensor(SensorElement):
     """A sensor and its row: predicted value = row . coordinates from its body's amplitudes on.
 
     A strain gauge or load cell reads the segment that holds its station, in the axes of that
@@ -344,21 +363,8 @@ class Sensor:
     station: then `body` is the first, and the row is that of small deflections.
     """
 
-    name: str
-    type: str  # strain_gauge | load_cell | deflection
-    link: str
     body: int
     row: Array  # (m,) d(value)/d(amplitude), in the value's unit
-    gain: float
-    offset: float
-    noise: float
-    topic: str
-    field: str  # index or name in the message, '' if not given
-    component: str  # moment | shear for a load cell, else ''
-    station: float = 0.0  # m, on the link's whole beam
-    direction: str = ''  # y | z
-    surface: float = 0.0  # m, of a strain gauge
-    point: str = ''  # strain point of a link with component modes
 
 
 INERTIAL_PARTS = {
@@ -368,29 +374,37 @@ INERTIAL_PARTS = {
 
 
 @dataclass(frozen=True)
-class InertialSensor:
-    """An IMU or accelerometer on a link; noise and bias are standard deviations per axis."""
+class InertialElement:
+    """`<sensor>` of an IMU or accelerometer; noise and bias are standard deviations per axis."""
 
     name: str
     type: str  # imu | accelerometer
     link: str
-    mount: Attachment  # of its axes
+    station: float | None  # m, on a link with a beam
+    origin: Array  # (4, 4) of its axes, seen from the section or the link frame
+    topic: str
     first: int  # place of its first value among those of all sensors
     gyro_noise: float  # rad/s
     accel_noise: float  # m/s^2
     gyro_bias: float  # rad/s, of a constant that is not known
     accel_bias: float  # m/s^2
-    topic: str
-
-    @property
-    def frame(self) -> str:
-        """Name of the frame of its axes, as the robot's verbs take it."""
-        return f'sensor:{self.name}'
 
     @property
     def parts(self) -> tuple[str, ...]:
         """Names of its values: six of an IMU, three of an accelerometer."""
         return INERTIAL_PARTS[self.type]
+
+
+@dataclass(frozen=True)
+class InertialSensor(InertialElement):
+    """An IMU or accelerometer on a link."""
+
+    mount: Attachment  # of its axes
+
+    @property
+    def frame(self) -> str:
+        """Name of the frame of its axes, as the robot's verbs take it."""
+        return f'sensor:{self.name}'
 
 
 @dataclass(frozen=True)

@@ -18,9 +18,6 @@ from denoc_ros.model.inertia import inverse_transform, moved, total
 from denoc_ros.model.rigid_urdf import RigidUrdf, RigidUrdfJoint, read_rigid_urdf
 from denoc_ros.model.segments import locate
 from denoc_ros.model.sensors import (
-    InertialElement,
-    SensorElement,
-    make_inertial_sensor,
     make_sensor,
     make_strain_sensor,
 )
@@ -29,6 +26,7 @@ from denoc_ros.model.tree import (
     Attachment,
     Body,
     FlexibleLink,
+    InertialElement,
     InertialSensor,
     Joint,
     JointKind,
@@ -36,6 +34,7 @@ from denoc_ros.model.tree import (
     LoopFrame,
     RigidInertia,
     Sensor,
+    SensorElement,
     Spring,
     Tree,
 )
@@ -225,13 +224,14 @@ def _inertial_sensor(
     section = np.eye(4)
     if sensor.link in flexibility.components:
         at = assembly.attach(sensor.link, sensor.origin, (sensor.name,))
-        return make_inertial_sensor(sensor, at)
+        return InertialSensor(**vars(sensor), mount=at)
     if sensor.station is not None:
         beam = flexibility.beams[sensor.link]
         section[0, 3] = min(sensor.station, beam.length)
         section = beam.origin @ section
     at = assembly.attach(sensor.link, section)
-    return make_inertial_sensor(sensor, replace(at, placement=at.placement @ sensor.origin))
+    mount = replace(at, placement=at.placement @ sensor.origin)
+    return InertialSensor(**vars(sensor), mount=mount)
 
 
 def _frame_names(loop: LoopElement) -> tuple[str, str]:
@@ -392,7 +392,8 @@ def assemble(
     stack = _inwards(assembly, root, children[root])[::-1]
     while stack:
         joint = stack.pop()
-        moving = _moving(joint, armatures, springs)
+        armature, spring = armatures.get(joint.name, 0.0), springs.get(joint.name)
+        moving = replace(joint, armature=armature, spring=spring)
         _add_link(assembly, joint, robot.links[joint.child], moving)
         stack.extend(_inwards(assembly, joint.child, children[joint.child])[::-1])
     return assembly
@@ -431,20 +432,3 @@ def _add_link(
         assembly.add_body(joint.child, at, None, inertia)
     else:
         assembly.merge(joint.child, at, inertia)
-
-
-def _moving(
-    joint: RigidUrdfJoint, armatures: Mapping[str, float], springs: Mapping[str, Spring]
-) -> Joint:
-    return Joint(
-        joint.name,
-        joint.kind,
-        joint.axis,
-        joint.limits,
-        joint.damping,
-        joint.friction,
-        armatures.get(joint.name, 0.0),
-        joint.mimic,
-        joint.continuous,
-        springs.get(joint.name),
-    )

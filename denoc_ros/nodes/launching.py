@@ -9,6 +9,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from denoc_ros.runtime.realtime import INSTALLED_ONLY
+
 WITH_ROBOT = ('feedforward', 'predictor', 'plant', 'viewer', 'shaper')
 SIMULATION = ('plant', 'predictor', 'feedforward')
 WITH_RATE = ('feedforward', 'predictor', 'plant', 'shaper')
@@ -288,6 +290,7 @@ def player(given: Mapping[str, str], listeners: Sequence[str]) -> Any:
         exec_name='player',
         name='player',
         arguments=['-m', 'denoc_ros.cli.player', *words],
+        additional_env=INSTALLED_ONLY,
         output='screen',
         on_exit=end,
     )

@@ -6,7 +6,7 @@ import math
 import time
 from collections import deque
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from nav_msgs.msg import Odometry
@@ -20,10 +20,11 @@ from denoc_ros.dynamics.driven_motion import DrivenMotion, driven_motion
 from denoc_ros.dynamics.equilibrium import Equilibrium
 from denoc_ros.dynamics.measured_side import MeasuredStates
 from denoc_ros.dynamics.robot import Robot
-from denoc_ros.kernels.rotation import write_quaternion
+from denoc_ros.dynamics.rotations import quaternion
 from denoc_ros.model.mjcf import SEGMENTS
 from denoc_ros.model.overrides import with_overrides
 from denoc_ros.model.plant_description import PlantDescription
+from denoc_ros.nodes.base import DenocNode
 from denoc_ros.nodes.messages import LATCHED, STATE, listeners, raw_publish
 from denoc_ros.nodes.process import leave, run
 from denoc_ros.nodes.robot_node import RobotNode
@@ -43,9 +44,6 @@ from denoc_ros.settings import Value
 from denoc_ros.simulation.simulated_robot import Drives, ModalRobot, SimulatedRobot
 from denoc_ros.types import Array
 
-if TYPE_CHECKING:
-    from denoc_ros.nodes.base import DenocNode
-
 CATCH_UP = 50  # steps that a tick after a pause of the machine takes in any case
 CATCH_UP_TIME = 0.02  # s of a processor for more of them; what is left is time lost
 COMMANDS = 256  # that wait for the step which they come before
@@ -55,13 +53,6 @@ REMEDY = (
     'nothing after that means anything: hold the joints by feedback.kp and feedback.kd, or '
     'command them by a model that is not rigid, then call ~/reset'
 )
-
-
-def quaternion(rotation: Array) -> Array:
-    """Return the quaternion x, y, z, w of a rotation (3, 3): w >= 0, or the first other > 0."""
-    found = np.empty(4)
-    write_quaternion(np.ascontiguousarray(rotation, dtype=np.float64), found)
-    return found
 
 
 class BaseOutput:

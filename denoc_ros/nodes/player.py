@@ -47,20 +47,11 @@ OF_THE_MACHINE = ('/clock', '/diagnostics', '/rosout', '/parameter_events')
 
 @dataclass(frozen=True)
 class RecordedMotion:
-    """Joint states of a bag with accelerations, at strictly increasing stamps.
+    """Joint states of a bag with accelerations, at strictly increasing stamps."""
 
-    Attributes
-    ----------
-    stamp_ns : (k,) int array
-        As recorded [ns].
-    names : tuple of str
-        The n joints.
-    position, velocity, acceleration, effort : (k, n) array
-        rad or m, per s, per s^2, N m or N; effort is NaN where there is none.
-    """
-
-    stamp_ns: NDArray[np.int64]
-    names: tuple[str, ...]
+    stamp_ns: NDArray[np.int64]  # (k,) int as recorded [ns]
+    names: tuple[str, ...]  # the n joints
+    # (k, n) rad or m, per s, per s^2, N m or N; effort is NaN where there is none
     position: Array
     velocity: Array
     acceleration: Array

@@ -120,24 +120,14 @@ INERTIAL_READERS: dict[str, dict[str, tuple[type, Reader]]] = {
 
 @dataclass(frozen=True)
 class Member:
-    """A sensor of a topic.
-
-    Attributes
-    ----------
-    sensor : Sensor or InertialSensor
-    first : int
-        Place of its first value among those that are fused: one of each sensor on beams, then
-        those of the inertial ones, in file order.
-    place : int
-        Of a sensor on a beam among those with a topic; -1: it is inertial.
-    wrench_field : str
-        Component of a wrench that it measures.
-    """
+    """A sensor of a topic."""
 
     sensor: Sensor | InertialSensor
+    # place of its first value among those that are fused: one of each sensor on beams, then those
+    # of the inertial ones, in file order
     first: int
-    place: int = -1
-    wrench_field: str = ''
+    place: int = -1  # of a sensor on a beam among those with a topic; -1: it is inertial
+    wrench_field: str = ''  # component of a wrench that it measures
 
     @property
     def readers(self) -> dict[str, tuple[type, Reader]]:

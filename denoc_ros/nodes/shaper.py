@@ -72,24 +72,12 @@ REFERENCE = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
 
 @dataclass(frozen=True)
 class CarriedMotion:
-    """A published motion.
+    """A published motion."""
 
-    Attributes
-    ----------
-    trajectory : SplineTrajectory
-        Of all joints.
-    start : float
-        When it begins, by the node's clock [s].
-    named : sequence of int or None
-        Places of the joints that it was published for; None: all.
-    stops : bool
-        Whether it is a braking.
-    """
-
-    trajectory: SplineTrajectory
-    start: float
-    named: Sequence[int] | None
-    stops: bool = False
+    trajectory: SplineTrajectory  # of all joints
+    start: float  # when it begins, by the node's clock [s]
+    named: Sequence[int] | None  # places of the joints that it was published for; None: all
+    stops: bool = False  # whether it is a braking
 
     @property
     def end(self) -> float:

@@ -67,7 +67,7 @@ def describe_link(file: Path, link: str) -> LinkDescription:
 
 
 def _carries(robot: RigidUrdf, link: str) -> bool:
-    """Say whether a link, or what is fixed to it, has mass or a joint that moves."""
+    """Say whether a link, or a body fixed to it, has mass or a joint that moves."""
     inertia = robot.links[link]
     if inertia is not None and inertia.mass > 0.0:
         return True

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
 
@@ -22,7 +21,6 @@ COARSER = 1.6  # edge of the mesh that the result is compared with
 SECONDS, MEGABYTES = (2e-6, 1.5), (1.2e-3, 4.0 / 3.0)  # a n^b of n nodes
 BASE_MEGABYTES = 250.0
 UNLIKE = 0.01  # between the two meshes' first frequency: more is told
-MassChoice = Literal['keep', 'scale']
 
 
 @dataclass(frozen=True)

@@ -110,7 +110,7 @@ def adapted_along(
     if base is not None:
         tracker.base = base.once
     source = plan.source
-    reading = RecordingSettings(source.topic, source.stamp, settings.rename)
+    reading = RecordingSettings(source.topic, settings.rename, stamp=source.stamp)
     found = read_source(source.path, robot, reading)
     columns = [found.joints.index(joint) for joint in plan.joints]
     effort = _commanded(plan, found) if plan.effort else found.effort[:, columns]

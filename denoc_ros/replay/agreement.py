@@ -19,26 +19,17 @@ SURE = 0.9  # correlation below which a lag means nothing
 
 @dataclass(frozen=True)
 class Agreement:
-    """A measured and a computed quantity, column by column.
+    """A measured and a computed quantity, column by column."""
 
-    Attributes
-    ----------
-    samples : (columns,) int array
-        Rows in which both are known.
-    measured_rms, measured_peak : (columns,) array
-        Of the measured one alone.
-    rms, bias : (columns,) array
-        Of measured minus computed.
-    lag : (columns,) array
-        How much later the measured one is than the computed [s]; NaN where they are not alike
-        enough to say.
-    """
-
-    samples: NDArray[np.int64]
+    samples: NDArray[np.int64]  # (columns,) int rows in which both are known
+    # (columns,) of the measured one alone
     measured_rms: Array
     measured_peak: Array
+    # (columns,) of measured minus computed
     rms: Array
     bias: Array
+    # (columns,) how much later the measured one is than the computed [s]; NaN where they are not
+    # alike enough to say
     lag: Array
 
 

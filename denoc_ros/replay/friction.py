@@ -17,33 +17,20 @@ NEGLIGIBLE = 1e-9  # share of a term that the other terms do not already explain
 
 @dataclass(frozen=True)
 class FrictionFit:
-    """Fitted friction and how sure it is.
+    """Fitted friction and how sure it is."""
 
-    Attributes
-    ----------
-    friction : Friction
-        What could not be told apart (a joint that does not move) is 0.
-    formal, by_window : (joints, 3) array
-        Standard errors of viscous, Coulomb and offset: as if residuals were independent, and with
-        residuals of a second hanging together; NaN where nothing could be fitted.
-    size : (joints, 3) array
-        rms of each term's torque [N m, N].
-    rms_before, rms_after : (joints,) array
-        What the model without any joint friction leaves of the measured effort, and what is left
-        with it [N m, N].
-    explained : (joints,) array
-        Share of the first's mean square that went.
-    samples : (joints,) int array
-    """
-
-    friction: Friction
+    friction: Friction  # what could not be told apart (a joint that does not move) is 0
+    # (joints, 3) standard errors of viscous, Coulomb and offset: as if residuals were independent,
+    # and with residuals of a second hanging together; NaN where nothing could be fitted
     formal: Array
     by_window: Array
-    size: Array
+    size: Array  # (joints, 3) rms of each term's torque [N m, N]
+    # (joints,) what the model without any joint friction leaves of the measured effort, and what
+    # is left with it [N m, N]
     rms_before: Array
     rms_after: Array
-    explained: Array
-    samples: NDArray[np.int64]
+    explained: Array  # (joints,) share of the first's mean square that went
+    samples: NDArray[np.int64]  # (joints,) int
 
 
 class FrictionFitter:

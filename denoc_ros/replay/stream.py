@@ -27,53 +27,26 @@ JUMP = 0.01  # rad or m, at least
 
 @dataclass(frozen=True)
 class Source:
-    """Channels to be read from a bag.
+    """Channels to be read from a bag."""
 
-    Attributes
-    ----------
-    path : Path
-        The bag.
-    topic : str
-        Of the joint states.
-    joints : tuple of str
-        The names there, in the order of all columns.
-    beside : mapping of str to str
-        Further topics of JointState and the field of each that is read.
-    stamp : {'header', 'log'}
-        As `denoc_ros.bags.reader.read_bag`.
-    """
-
-    path: Path
-    topic: str
-    joints: tuple[str, ...]
-    beside: Mapping[str, str]
-    stamp: Stamp = 'header'
+    path: Path  # the bag
+    topic: str  # of the joint states
+    joints: tuple[str, ...]  # the names there, in the order of all columns
+    beside: Mapping[str, str]  # further topics of JointState and the field of each that is read
+    stamp: Stamp = 'header'  # {'header', 'log'}; as `denoc_ros.bags.reader.read_bag`
 
 
 @dataclass(frozen=True)
 class Block:
-    """Consecutive joint states.
+    """Consecutive joint states."""
 
-    Attributes
-    ----------
-    stamp_ns, log_ns : (k,) int array
-        When they were measured and recorded [ns].
-    motion : SmoothedMotion
-        Smoothed, at the stamps.
-    effort : (k, joints) array
-        As measured [N m, N]; NaN where it was not.
-    starts : (k,) bool array
-        Where a motion begins that does not go on from the row before.
-    beside : dict of str to Series
-        The other topics, interpolated at the stamps.
-    """
-
+    # (k,) int when they were measured and recorded [ns]
     stamp_ns: Stamps
     log_ns: Stamps
-    motion: SmoothedMotion
-    effort: Array
-    starts: Flags
-    beside: dict[str, Series]
+    motion: SmoothedMotion  # smoothed, at the stamps
+    effort: Array  # (k, joints) as measured [N m, N]; NaN where it was not
+    starts: Flags  # (k,) bool where a motion begins that does not go on from the row before
+    beside: dict[str, Series]  # the other topics, interpolated at the stamps
 
 
 class JointStream:

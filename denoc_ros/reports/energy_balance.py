@@ -20,24 +20,15 @@ SMALLEST = 1e-17  # what an error of zero is drawn as
 
 @dataclass(frozen=True)
 class EnergyBalance:
-    """Energies and closure of a simulated run.
+    """Energies and closure of a simulated run."""
 
-    Attributes
-    ----------
-    t : (k,) array
-        Times [s].
-    kinetic, potential : (k,) arrays
-        Energies [J]; potential as `Robot.energy` has it.
-    work : (k,) array or None
-        Done by the joints' efforts since the start, by the trapezoidal rule [J].
-    closure : (k,) array or None
-        Largest error of the loops [m or rad]; None for a robot without loops.
-    """
-
-    t: Array
+    t: Array  # (k,) times [s]
+    # (k,) energies [J]; potential as `Robot.energy` has it
     kinetic: Array
     potential: Array
+    # (k,) done by the joints' efforts since the start, by the trapezoidal rule [J]
     work: Array | None
+    # (k,) largest error of the loops [m or rad]; None for a robot without loops
     closure: Array | None
 
     @property

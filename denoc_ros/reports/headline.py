@@ -20,22 +20,16 @@ def cards(
     phases: Sequence[PhaseMeasures], loops: Sequence[LoopMeasure], units: Units
 ) -> list[Card]:
     """Return the figures of merit of a run."""
-    found = []
+    found: list[Card] = []
     for label, series, unit in (
         ('Joint tracking error, rms', 'error', _common(phases, units)),
         ('Tip off where it was asked to be, rms', 'tip_error', 'm'),
     ):
         values = [(p.name, getattr(p, series)) for p in phases if getattr(p, series) is not None]
-        shown = [f'{engineering(rms(s.values), unit)}' for _, s in values]
-        names = [name for name, _ in values] if len(phases) > 1 else []
-        if values:
-            found.append(Card(label, ' → '.join(shown), ' → '.join(names)))
-    if swings := [(p.name, p.swing) for p in phases if p.swing is not None]:
-        shown = [engineering(peak(swing), 'm') for _, swing in swings]
-        names = [name for name, _ in swings] if len(phases) > 1 else []
-        found.append(
-            Card('Tip off its goal after the stop, largest', ' → '.join(shown), ' → '.join(names))
-        )
+        shown = [(name, engineering(rms(s.values), unit)) for name, s in values]
+        found += _of_phases(label, shown, len(phases))
+    swings = [(p.name, engineering(peak(p.swing), 'm')) for p in phases if p.swing is not None]
+    found += _of_phases('Tip off its goal after the stop, largest', swings, len(phases))
     if percents := _percents(phases):
         worst, name = max(percents)
         found.append(Card('Deflection prediction, worst', f'{worst:.2g} %', f'of peak, {name}'))
@@ -46,6 +40,13 @@ def cards(
         share, node = max((100.0 * loop.late / max(loop.ticks, 1), loop.node) for loop in loops)
         found.append(Card('Late ticks, worst', f'{share:.2g} %', node))
     return found
+
+
+def _of_phases(label: str, shown: Sequence[tuple[str, str]], count: int) -> list[Card]:
+    """Return a card of each phase's value, of the value alone where there is one phase."""
+    if count == 1:
+        return [Card(label, value) for _, value in shown]
+    return [Card(label, rows=shown)] if shown else []
 
 
 def verdict(

@@ -16,29 +16,17 @@ COUNTED = ('ticks', 'overruns_total', 'skipped_total', 'histogram_counts')
 
 @dataclass(frozen=True)
 class LoopMeasure:
-    """How evenly a node's loop ran, by its own word on /diagnostics, over all its starts.
+    """How evenly a node's loop ran, by its own word on /diagnostics, over all its starts."""
 
-    Attributes
-    ----------
-    node : str
-        Its name.
-    nominal, median, p99, longest : float
-        Periods [s]; median and p99 of the last second, longest of the whole run.
-    edges : (b,) array
-        Of the histogram, in nominal periods; the last bin is open.
-    counts : (b,) array
-        Ticks.
-    ticks, late, skipped : int
-        All ticks; those late by more than half a period; deadlines passed over.
-    """
-
-    node: str
+    node: str  # its name
+    # periods [s]; median and p99 of the last second, longest of the whole run
     nominal: float
     median: float
     p99: float
     longest: float
-    edges: Array
-    counts: Array
+    edges: Array  # (b,) of the histogram, in nominal periods; the last bin is open
+    counts: Array  # (b,) ticks
+    # all ticks; those late by more than half a period; deadlines passed over
     ticks: int
     late: int
     skipped: int

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,14 +11,12 @@ from numpy.typing import NDArray
 from denoc_ros.bags.run import Interval, RecordedTopics
 from denoc_ros.bags.series import Series
 from denoc_ros.control.asked_motion import AskedMotion
+from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import SolverError
 from denoc_ros.trajectories import SplineTrajectory
 from denoc_ros.types import Array
 from denoc_ros.units import deflection_unit
 from denoc_ros.viewer.recorded import notable_deflections
-
-if TYPE_CHECKING:
-    from denoc_ros.dynamics.robot import Robot
 
 ASKED_TOPICS = ('up/asked', 'shaper/input')  # what a shaped reference was shaped from
 ROUNDING = 1e-12  # rad

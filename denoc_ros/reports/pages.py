@@ -51,11 +51,19 @@ class PageSection:
 
 @dataclass(frozen=True)
 class Card:
-    """A figure of merit on top of a page."""
+    """A figure of merit on top of a page.
+
+    Attributes
+    ----------
+    label, value, note : str
+    rows : sequence of (name, value)
+        In place of one value, those of several phases or motions.
+    """
 
     label: str
-    value: str
+    value: str = ''
     note: str = ''
+    rows: Sequence[tuple[str, str]] = ()
 
 
 @dataclass(frozen=True)
@@ -68,27 +76,15 @@ class Verdict:
 
 @dataclass(frozen=True)
 class ReportPage:
-    """All that a page shows.
+    """All that a page shows."""
 
-    Attributes
-    ----------
-    title, subtitle : str
-        Its heading and the line below.
-    verdict : Verdict
-        What it comes down to.
-    cards : sequence of Card
-        Figures of merit.
-    sections : sequence of PageSection or None
-        In reading order; None is left out.
-    provenance : mapping
-        What it was made from and with, as `denoc_ros.reports.provenance.provenance` says it.
-    """
-
+    # its heading and the line below
     title: str
     subtitle: str
-    verdict: Verdict
-    cards: Sequence[Card]
-    sections: Sequence[PageSection | None]
+    verdict: Verdict  # what it comes down to
+    cards: Sequence[Card]  # figures of merit
+    sections: Sequence[PageSection | None]  # in reading order; None is left out
+    # what it was made from and with, as `denoc_ros.reports.provenance.provenance` says it
     provenance: Mapping[str, str] = field(default_factory=dict)
 
     def html(self) -> str:

@@ -10,9 +10,10 @@ from dataclasses import dataclass
 from datetime import datetime, timezone
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from markupsafe import Markup
+from PIL.Image import Image
 
 from denoc_ros.bags.reader import read_description
 from denoc_ros.bags.run import Diagnostic, RecordedTopics, read_run
@@ -23,7 +24,7 @@ from denoc_ros.reports import energy_balance, headline, sections
 from denoc_ros.reports.headline import time_in_words
 from denoc_ros.reports.loop_timing import LoopMeasure, loop_measures, warnings
 from denoc_ros.reports.measures import PhaseMeasures, measure, summarize
-from denoc_ros.reports.pages import ReportPage
+from denoc_ros.reports.pages import PageSection, ReportPage
 from denoc_ros.reports.provenance import named_file, named_text, provenance
 from denoc_ros.reports.run_files import (
     EARTH,
@@ -37,12 +38,6 @@ from denoc_ros.reports.run_files import (
 from denoc_ros.simulation.bag import write_run
 from denoc_ros.simulation.simulate import Run
 
-if TYPE_CHECKING:
-    from PIL.Image import Image
-
-    from denoc_ros.dynamics.robot import Robot
-    from denoc_ros.reports.pages import PageSection
-
 SIZE = (460, 360)  # pixels of one moment: readable at a phone's width
 RATE = 20.0  # Hz, of the moments that are read: few are shown
 COUNT = 6
@@ -51,7 +46,6 @@ NOTED = ('time', 'beams', 'failure')  # of a session, in the numbers of its run
 
 def moments(bag: Path, robot: Robot | None) -> PageSection | None:
     """Return the section, None where the bag does not show how the robot stood."""
-    from denoc_ros.reports.pages import PageSection
     from denoc_ros.viewer.film import Look, moment_images
     from denoc_ros.viewer.recorded import RecordedRun
 

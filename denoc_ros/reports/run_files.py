@@ -72,7 +72,7 @@ def read_session(run_path: Path) -> dict[str, Any]:
         return {}
     try:
         session = json.loads(text)
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise BagError(f'{run_path}: {SESSION_FILE} must be JSON, got: {error}') from error
     kinds = [(name, SESSION_KINDS.get(name)) for name in session if isinstance(session, dict)]
     wrong = [name for name, kind in kinds if kind and not isinstance(session[name], kind)]

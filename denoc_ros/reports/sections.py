@@ -7,11 +7,12 @@ import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from denoc_ros.model.tree import JointKind
+from denoc_ros.bags.run import Diagnostic, RecordedTopics
+from denoc_ros.bags.series import Series
+from denoc_ros.model.tree import JointKind, Tree
 from denoc_ros.reports.figures import (
     DIFFERENCE_COLOUR,
     PHASE_COLOURS,
@@ -22,15 +23,16 @@ from denoc_ros.reports.figures import (
     line_figure,
 )
 from denoc_ros.reports.loop_timing import LoopMeasure
-from denoc_ros.reports.measures import SETTLED, PhaseMeasures, deflection_error, peak, rms
+from denoc_ros.reports.measures import (
+    SETTLED,
+    Deflection,
+    PhaseMeasures,
+    deflection_error,
+    peak,
+    rms,
+)
 from denoc_ros.reports.pages import UNKNOWN, PageSection, PageTable, engineering
 from denoc_ros.types import Array
-
-if TYPE_CHECKING:
-    from denoc_ros.bags.run import Diagnostic, RecordedTopics
-    from denoc_ros.bags.series import Series
-    from denoc_ros.model.tree import Tree
-    from denoc_ros.reports.measures import Deflection
 
 FOLDERS = re.compile(r'(?<![\w.:/])/(?:[^\s/:\'"]+/)+')
 HIDDEN_KEYS = ('histogram_edges', 'histogram_counts')

@@ -63,22 +63,13 @@ class Variation:
 
 @dataclass(frozen=True)
 class PlanComparison:
-    """Comparison of a plan with the plain motion.
-
-    Attributes
-    ----------
-    plan : Plan
-    frame : str
-    asked : (k, joints) array
-        The driven joints of the motion that was asked for, at the plan's times.
-    plain, shaped : Tracked
-        Joints on the motion that was asked for, and on the plan.
-    variations : tuple of Variation
-    """
+    """Comparison of a plan with the plain motion."""
 
     plan: Plan
     frame: str
+    # (k, joints) the driven joints of the motion that was asked for, at the plan's times
     asked: Array
+    # plain, shaped: joints on the motion that was asked for, and on the plan
     plain: Tracked
     shaped: Tracked
     variations: tuple[Variation, ...]
@@ -297,13 +288,13 @@ def _verdict(found: PlanComparison) -> Verdict:
 def _cards(found: PlanComparison) -> list[Card]:
     plan = found.plan
 
-    def arrow(what: str) -> str:
-        values = (getattr(found.plain, what), getattr(found.shaped, what))
-        return ' → '.join(engineering(value, 'm') for value in values)
+    def both(what: str) -> list[tuple[str, str]]:
+        motions = ((PLAIN, found.plain), (SHAPED, found.shaped))
+        return [(name, engineering(getattr(motion, what), 'm')) for name, motion in motions]
 
     cards = [
-        Card('Tip off while moving, rms', arrow('rms'), f'{PLAIN} → {SHAPED}'),
-        Card('Swing after the stop', arrow('swing'), 'from where it comes to rest'),
+        Card('Tip off while moving, rms', rows=both('rms')),
+        Card('Swing after the stop', '', 'from where it comes to rest', both('swing')),
         Card('Joints move before', engineering(plan.preaction, 's')),
         Card('Joints move after', engineering(plan.postaction, 's')),
     ]
@@ -373,12 +364,18 @@ def _torque(found: PlanComparison, units: Units) -> PageSection:
         figures.append(line_figure([Panel('Largest share of a limit', '', _binding(plan, use))]))
         most = use.largest
         head = ['limit', 'largest share', 'time gained by 1 % more']
+        head += ['with other stiffness and load'] if use.spread else []
         used = sorted(most, key=lambda name: (-use.gains.get(name, 0.0), -most[name]))
         tables = [
             PageTable(
                 head,
                 [
-                    [name, f'{most[name]:.3f}', f'{100.0 * use.gains.get(name, 0.0):.2f} %']
+                    [
+                        name,
+                        f'{most[name]:.3f}',
+                        f'{100.0 * use.gains.get(name, 0.0):.2f} %',
+                        *([f'{use.spread[name]:.3f}'] if use.spread else []),
+                    ]
                     for name in used
                 ],
             )

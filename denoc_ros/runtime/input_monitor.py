@@ -177,10 +177,6 @@ class InputMonitor:
         """Whether a good message has come since the start or the last reset."""
         return self._last_time > -math.inf
 
-    def forget_stamp(self) -> None:
-        """Take the next stamp as it is: the clock that stamps has been set back."""
-        self._last_stamp = None
-
     def reset(self) -> None:
         """Forget the last stamp and its time (not the counts)."""
         self._last_stamp = None

@@ -17,7 +17,7 @@ OK, WARN, ERROR = b'\x00', b'\x01', b'\x02'
 
 @dataclass
 class Status:
-    """One DiagnosticStatus to be: its name follows `<node>: `."""
+    """One DiagnosticStatus to be: its name follows `<node>:` and a blank."""
 
     name: str
     level: bytes = OK

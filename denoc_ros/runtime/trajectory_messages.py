@@ -228,17 +228,10 @@ def _refuse_length(what: str, got: int, joints: int) -> None:
 
 @dataclass(frozen=True)
 class RequestedMotion:
-    """A received motion.
-
-    Attributes
-    ----------
-    message : TrajectoryMessage
-    where : (joints,) array or None
-        Where the joints stand.
-    """
+    """A received motion."""
 
     message: TrajectoryMessage
-    where: Array | None
+    where: Array | None  # (joints,) where the joints stand
 
     @property
     def named(self) -> list[int] | None:

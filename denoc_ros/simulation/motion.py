@@ -22,7 +22,6 @@ from denoc_ros.dynamics.floating_base import ATTITUDE, wrap_attitude
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import DenocError, SolverError, StateError
 from denoc_ros.kernels.closing import CLOSED
-from denoc_ros.model.tree import Mimic
 from denoc_ros.types import Array
 
 Int = NDArray[np.int_]
@@ -127,29 +126,26 @@ class EquationsOfMotion:
         if base is not None and not callable(base):
             self._robot.move_base(base)
         self._torque = torque
-        # with loops, mimic joints are rows like theirs
+        # with loops, positions of mimic joints are closed as theirs are
         self._leaders = {} if robot.tree.loops else robot.tree.mimics
         names = dict(zip(robot.joint_names, np.asarray(robot.joint_indices).tolist(), strict=True))
         given = dict(prescribed or {})
         self._check_names(given, names)
-        # In coordinate order, as hybrid_dynamics wants and gives them.
         self._given_names = [name for name in robot.joint_names if name in given]
         self._given = np.array([names[name] for name in self._given_names], dtype=np.intp)
         self._laws = [given[name] for name in self._given_names]
-        followers = [names[name] for name in self._leaders]
-        held = set(self._given.tolist()) | set(followers)
+        self._followers = np.array([names[name] for name in self._leaders], dtype=np.intp)
+        mimics = self._leaders.values()
+        self._followed = np.array([names[mimic.leader] for mimic in mimics], dtype=np.intp)
+        self._ratios = np.array([mimic.multiplier for mimic in mimics])
+        self._offsets = np.array([mimic.offset for mimic in mimics])
+        held = {*self._given.tolist(), *self._followers.tolist()}
         self.free = np.array([i for i in range(robot.n) if i not in held], dtype=np.intp)
-        self._tie = constraint_matrix(robot, self._leaders, names)
-        self._followers = np.array(followers, dtype=np.intp)
-        self._offset = np.zeros(robot.n)
-        for name, mimic in self._leaders.items():
-            self._offset[names[name]] = mimic.offset
         self.attitude = np.searchsorted(self.free, robot.base_indices[ATTITUDE])
         self.q, self.qd, self.qdd = (np.zeros(robot.n) for _ in range(3))
         self.tau = np.zeros(robot.n)
         self.evaluations = 0
         self._closing = ConstraintProjection(self._robot, self.free) if robot.tree.loops else None
-        self._accelerate = self._choose()
 
     @property
     def handle(self) -> int:
@@ -214,13 +210,6 @@ class EquationsOfMotion:
                     f'(prescribe its leader {self._leaders[name].leader!r})'
                 )
 
-    def _choose(self) -> Callable[[], None]:
-        if self._closing is not None:
-            return self._accelerate_in_loops if self._laws else self._accelerate_closed
-        if self._leaders:
-            return self._accelerate_tied
-        return self._accelerate_hybrid if self._laws else self._accelerate_free
-
     def start(self, q0: Array, qd0: Array, t: float) -> Array:
         """State of the integrator at the start; it must agree with the prescribed motion.
 
@@ -278,12 +267,8 @@ class EquationsOfMotion:
         for index, law in zip(self._given, self._laws, strict=True):
             self.q[index], self.qd[index], self.qdd[index] = law(t)
         if self._leaders:
-            independent = self.q.copy()
-            independent[self._followers] = 0.0
-            rates = self.qd.copy()
-            rates[self._followers] = 0.0
-            self.q[:] = self._tie @ independent + self._offset
-            self.qd[:] = self._tie @ rates
+            self.q[self._followers] = self._ratios * self.q[self._followed] + self._offsets
+            self.qd[self._followers] = self._ratios * self.qd[self._followed]
 
     def accelerate(self, t: float, state: Array) -> None:
         """Work out `qdd` and `tau` (n,) at a time [s] and an integrator's state (2 f,)."""
@@ -312,53 +297,19 @@ class EquationsOfMotion:
             return np.full(state.shape, np.nan)
         return np.concatenate([state[len(self.free) :], self.qdd[self.free]])
 
-    def _accelerate_free(self) -> None:
-        self._robot.forward_dynamics(self.q, self.qd, self.tau, out=self.qdd, check=False)
-
-    def _accelerate_hybrid(self) -> None:
-        torques, rest = self._robot.hybrid_dynamics(
-            self.q,
-            self.qd,
-            self.qdd[self._given],
-            joints=self._given_names,
-            tau=self.tau,
-            check=False,
-        )
-        self.tau[self._given] = torques
-        self.qdd[self.free] = rest
-
-    def _accelerate_closed(self) -> None:
-        self.qdd[:], _ = self._robot.constrained_forward_dynamics(self.q, self.qd, self.tau)
-
-    def _accelerate_in_loops(self) -> None:
-        torques, self.qdd[:], _ = self._robot.constrained_hybrid_dynamics(
-            self.q, self.qd, self.qdd[self._given], self._given_names, self.tau
-        )
-        self.tau[self._given] = torques
-
-    def _accelerate_tied(self) -> None:
-        """Solve T^T (I T z'' + h - tau) = 0 for the free z''."""
-        bias = self._robot.bias_forces(self.q, self.qd)
-        inertia = self._tie.T @ self._robot.inertia_matrix(self.q) @ self._tie
-        force = self._tie.T @ (self.tau - bias)
-        free, given = self.free, self._given
-        right = force[free] - inertia[np.ix_(free, given)] @ self.qdd[given]
-        self.qdd[free] = np.linalg.solve(inertia[np.ix_(free, free)], right)
-        needed = inertia[given] @ self.qdd - force[given]
-        self.tau[given] += needed
-        self.qdd[self._followers] = 0.0
-        self.qdd[:] = self._tie @ self.qdd
-
-
-def constraint_matrix(
-    robot: Robot, mimics: Mapping[str, Mimic], names: Mapping[str, int]
-) -> Array:
-    """Return T (n, n) of q = T z + c; the columns of followers are zero."""
-    matrix = np.eye(robot.n)
-    for name, mimic in mimics.items():
-        matrix[names[name], names[name]] = 0.0
-        matrix[names[name], names[mimic.leader]] = mimic.multiplier
-    return matrix
+    def _accelerate(self) -> None:
+        """Work out the free accelerations, and the torques of the joints whose motion is given."""
+        robot, q, qd = self._robot, self.q, self.qd
+        if not robot.constraint_names and not self._laws:
+            robot.forward_dynamics(q, qd, self.tau, out=self.qdd, check=False)
+        elif not self._laws:
+            self.qdd[:], _ = robot.constrained_forward_dynamics(q, qd, self.tau)
+        else:
+            given = self.qdd[self._given]
+            torques, self.qdd[:], _ = robot.constrained_hybrid_dynamics(
+                q, qd, given, self._given_names, self.tau
+            )
+            self.tau[self._given] = torques
 
 
 def checked_vector(value: Array, n: int, name: str, t: float | None = None) -> Array:

@@ -16,7 +16,7 @@ from typing import Any
 
 from denoc_ros.cli.arguments import add_json
 from denoc_ros.cli.config import find_file
-from denoc_ros.studies.benchmarks import batches, derivatives, growth, loading, loops, rigid
+from denoc_ros.studies.benchmarks import derivatives, growth, loading, rigid
 from denoc_ros.studies.benchmarks.limits import Account, accounts
 from denoc_ros.studies.benchmarks.results import BenchLine
 from denoc_ros.studies.benchmarks.timing import FULL, QUICK
@@ -120,10 +120,10 @@ def measured_lines(groups: Collection[str], quick: bool) -> Iterator[BenchLine]:
         'derivatives': lambda: derivatives.derivative_lines(ssrms, effort, quick),
         'ssrms': lambda: rigid.ssrms_lines(ssrms, effort),
         'springs': lambda: growth.spring_lines(ssrms.parent / 'ur10.urdf', effort),
-        'loops': lambda: loops.loop_lines(ssrms.parent, effort),
+        'loops': lambda: rigid.loop_lines(ssrms.parent, effort),
         'growth': lambda: chain(growth.growth_lines(effort, quick), growth.segment_lines(effort)),
         'dense': lambda: growth.dense_lines(effort, quick),
-        'batch': lambda: batches.batch_lines(effort, quick),
+        'batch': lambda: rigid.batch_lines(effort, quick),
         'load': lambda: loading.load_lines(ssrms, cold=not quick),
     }
     for name, lines in parts.items():

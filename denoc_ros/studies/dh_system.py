@@ -100,7 +100,7 @@ def read_system(
 ) -> DHSystem:
     """Return a system from a mapping; parameters and errors as `load_system`."""
     findings = Findings()
-    reader = Table(table, f'system {name!r}', findings)
+    reader = TableReader(table, f'system {name!r}', findings)
     reader.only(SYSTEM_KEYS | MECHANISM_KEYS | CHAIN_KEYS | OTHER_KEYS | angle_keys(reader))
     planar = table.get('planar', False)
     if not isinstance(planar, bool):
@@ -124,7 +124,7 @@ def read_system(
     return system
 
 
-def _kinds(reader: Table, kinds: object, links: list[DHLink]) -> list[bool]:
+def _kinds(reader: TableReader, kinds: object, links: list[DHLink]) -> list[bool]:
     """Return which links are flexible."""
     if kinds is None:
         flexible = [link.ei is not None for link in links]
@@ -150,7 +150,7 @@ def _of_kinds(chains: tuple[DHChain, ...], flexible: list[bool]) -> tuple[DHChai
     )
 
 
-def _modes(reader: Table, needed: bool) -> int:
+def _modes(reader: TableReader, needed: bool) -> int:
     modes = reader.table.get('modes', None if needed else 0)
     if isinstance(modes, bool) or not isinstance(modes, int) or not 0 <= modes <= MOST_MODES:
         reader.fail('modes', f'be a whole number from 0 to {MOST_MODES}', modes)
@@ -158,20 +158,20 @@ def _modes(reader: Table, needed: bool) -> int:
     return modes
 
 
-def _shape(reader: Table) -> str:
+def _shape(reader: TableReader) -> str:
     shape = reader.table.get('shape', 'clamped-free')
     if shape not in SHAPES:
         reader.fail('shape', f'be one of {", ".join(SHAPES)}', shape)
     return str(shape)
 
 
-def _damping_ratio(reader: Table) -> tuple[float, ...]:
+def _damping_ratio(reader: TableReader) -> tuple[float, ...]:
     value = reader.table.get('damping_ratio', 0.0)
     entries = value if isinstance(value, list) else [value]
     return tuple(reader.as_number('damping_ratio', entry, '-', least=0.0) for entry in entries)
 
 
-def _armature(reader: Table, joints: int) -> tuple[float, ...]:
+def _armature(reader: TableReader, joints: int) -> tuple[float, ...]:
     """Return the rotor inertia that each joint's gear reflects."""
     if 'armature' not in reader.table:
         return ()
@@ -179,12 +179,12 @@ def _armature(reader: Table, joints: int) -> tuple[float, ...]:
     return tuple(reader.as_number('armature', entry, 'kg m^2', least=0.0) for entry in entries)
 
 
-def _limits(reader: Table) -> dict[str, float]:
+def _limits(reader: TableReader) -> dict[str, float]:
     given = reader.table.get('limits', {})
     if not isinstance(given, dict):
         reader.fail('limits', 'be a mapping', given)
         return dict(DEFAULT_LIMITS)
-    limits = Table(given, f'{reader.whose} limits', reader.findings)
+    limits = TableReader(given, f'{reader.whose} limits', reader.findings)
     limits.only(frozenset(DEFAULT_LIMITS))
     found = {
         key: limits.number(
@@ -197,7 +197,7 @@ def _limits(reader: Table) -> dict[str, float]:
     return found
 
 
-class Table:
+class TableReader:
     """Reads the entries of a mapping; each violated condition becomes a finding."""
 
     def __init__(self, table: Mapping[str, Any], whose: str, findings: Findings) -> None:
@@ -261,12 +261,12 @@ class Table:
             return [default] * (count or 0)
         return value
 
-    def tables(self, key: str, whose: str) -> list[Table]:
+    def tables(self, key: str, whose: str) -> list[TableReader]:
         """Return a list's mappings, named `whose` and their number in findings."""
         found = []
         for index, entry in enumerate(self.list_of(key, None), 1):
             if isinstance(entry, dict):
-                found.append(Table(entry, f'{self.whose} {whose} {index}', self.findings))
+                found.append(TableReader(entry, f'{self.whose} {whose} {index}', self.findings))
             else:
                 self.fail(f'{whose} {index}', 'be a mapping', entry)
         return found
@@ -335,12 +335,12 @@ class DHLink:
         return self if self.flexible_mass is None else replace(self, mass=self.flexible_mass)
 
 
-def read_links(reader: Table, shared: float | None) -> list[DHLink]:
+def read_links(reader: TableReader, shared: float | None) -> list[DHLink]:
     """Return the links of a chain.
 
     Parameters
     ----------
-    reader : Table
+    reader : TableReader
         `links` of a planar chain, or `dh` with its columns beside it.
     shared : float or None
         EI of links that give none [N m^2].
@@ -353,27 +353,27 @@ def read_links(reader: Table, shared: float | None) -> list[DHLink]:
     return [link if link.can_bend else replace(link, ei=None) for link in links]
 
 
-def section_rigidity(system: Table) -> float | None:
+def section_rigidity(system: TableReader) -> float | None:
     """Return EI of a section that all links share, None without one."""
     if 'section' not in system.table:
         return None
     if not isinstance(system.table['section'], dict):
         system.fail('section', 'be a mapping', system.table['section'])
         return None
-    section = Table(system.table['section'], f'{system.whose} section', system.findings)
+    section = TableReader(system.table['section'], f'{system.whose} section', system.findings)
     section.only(frozenset(('round_diameter', 'E')))
     diameter = section.number('round_diameter', 'm', above=0.0)
     return section.number('E', 'Pa', above=0.0) * round_section(diameter).moment_y
 
 
-def _planar_links(reader: Table, shared: float | None) -> list[DHLink]:
+def _planar_links(reader: TableReader, shared: float | None) -> list[DHLink]:
     return [
         _plate(link) if 'com' in link.table else _rod(link, shared)
         for link in reader.tables('links', 'link')
     ]
 
 
-def _plate(link: Table) -> DHLink:
+def _plate(link: TableReader) -> DHLink:
     link.only(PLATE_KEYS)
     centre = link.point('com', 2)
     mass = link.number('m', 'kg', above=0.0)
@@ -382,7 +382,7 @@ def _plate(link: Table) -> DHLink:
     return DHLink(0.0, 0.0, 0.0, 0.0, False, mass, inertia, None, name=name, plate=centre)
 
 
-def _rod(link: Table, shared: float | None) -> DHLink:
+def _rod(link: TableReader, shared: float | None) -> DHLink:
     link.only(ROD_KEYS)
     entry = link.table
     a = link.number('a', 'm', above=0.0)
@@ -396,7 +396,7 @@ def _rod(link: Table, shared: float | None) -> DHLink:
     return DHLink(a, 0.0, 0.0, 0.0, False, mass, hub, ei, name=link.name('name'))
 
 
-def _rigidity(link: Table, shared: float | None) -> float | None:
+def _rigidity(link: TableReader, shared: float | None) -> float | None:
     if 'EI' in link.table:
         return link.number('EI', 'N m^2', above=0.0)
     if 'E' in link.table or 'I' in link.table:
@@ -404,12 +404,12 @@ def _rigidity(link: Table, shared: float | None) -> float | None:
     return shared
 
 
-def _spatial_links(reader: Table, shared: float | None) -> list[DHLink]:
+def _spatial_links(reader: TableReader, shared: float | None) -> list[DHLink]:
     table = reader.table.get('dh')
     if not isinstance(table, dict):
         reader.fail('dh (or links)', 'be a mapping of a, b and alpha_over_pi', table)
         return []
-    dh = Table(table, f'{reader.whose} dh', reader.findings)
+    dh = TableReader(table, f'{reader.whose} dh', reader.findings)
     dh.only(frozenset(('a', 'b', 'alpha_over_pi')))
     count = len(dh.list_of('a', None))
     joints = reader.table.get('joints', 'R' * count)
@@ -434,7 +434,7 @@ def _spatial_links(reader: Table, shared: float | None) -> list[DHLink]:
 
 
 def _spatial_link(
-    reader: Table, dh: Table, index: int, prismatic: bool, row: tuple[Any, ...]
+    reader: TableReader, dh: TableReader, index: int, prismatic: bool, row: tuple[Any, ...]
 ) -> DHLink:
     a, b, alpha, mass, lighter, hub, ei = row
     theta = 0.0
@@ -493,12 +493,12 @@ class DHLoop:
     child: DHPoint
 
 
-def read_chains(reader: Table, shared: float | None) -> tuple[DHChain, ...]:
+def read_chains(reader: TableReader, shared: float | None) -> tuple[DHChain, ...]:
     """Return the chains of a system, their links named; a serial robot is one chain at the base.
 
     Parameters
     ----------
-    reader : Table
+    reader : TableReader
         The system.
     shared : float or None
         EI of links that give none [N m^2].
@@ -515,13 +515,13 @@ def read_chains(reader: Table, shared: float | None) -> tuple[DHChain, ...]:
     return _named(reader, chains)
 
 
-def angle_keys(reader: Table) -> frozenset[str]:
+def angle_keys(reader: TableReader) -> frozenset[str]:
     """Return the keys of prismatic joints' constant angles."""
     pattern = r'theta[1-9]\d?_over_pi'
     return frozenset(str(key) for key in reader.table if re.fullmatch(pattern, str(key)))
 
 
-def read_loops(reader: Table, chains: Collection[DHChain]) -> tuple[DHLoop, ...]:
+def read_loops(reader: TableReader, chains: Collection[DHChain]) -> tuple[DHLoop, ...]:
     """Return the loops of a system."""
     if 'loops' not in reader.table:
         return ()
@@ -536,7 +536,7 @@ def read_loops(reader: Table, chains: Collection[DHChain]) -> tuple[DHLoop, ...]
     return tuple(loops)
 
 
-def read_tool(reader: Table, chains: tuple[DHChain, ...]) -> DHPoint | None:
+def read_tool(reader: TableReader, chains: tuple[DHChain, ...]) -> DHPoint | None:
     """Return the position of the tool: by default at the end of a serial robot."""
     if 'tool' in reader.table:
         return read_point(reader, 'tool', chains)
@@ -545,14 +545,14 @@ def read_tool(reader: Table, chains: tuple[DHChain, ...]) -> DHPoint | None:
     return None
 
 
-def read_point(reader: Table, key: str, chains: Collection[DHChain]) -> DHPoint:
+def read_point(reader: TableReader, key: str, chains: Collection[DHChain]) -> DHPoint:
     """Return a point: a link's name for its end, or a mapping of `link` and `at`."""
     value = reader.table.get(key)
     links = {link.name: link for chain in chains for link in chain.links}
     if isinstance(value, str) and value in links and links[value].plate is None:
         return DHPoint(value)
     if isinstance(value, dict) and value.get('link') in {*links, 'base'}:
-        point = Table(value, f'{reader.whose} {key}', reader.findings)
+        point = TableReader(value, f'{reader.whose} {key}', reader.findings)
         point.only(frozenset(('link', 'at')))
         return DHPoint(value['link'], point.point('at', 2))
     known = ', '.join(links)
@@ -561,7 +561,7 @@ def read_point(reader: Table, key: str, chains: Collection[DHChain]) -> DHPoint:
 
 
 def _named(
-    reader: Table, chains: list[tuple[tuple[float, ...], list[DHLink]]]
+    reader: TableReader, chains: list[tuple[tuple[float, ...], list[DHLink]]]
 ) -> tuple[DHChain, ...]:
     """Return the chains with links named link_1, link_2, ... where the table gives no names."""
     named, taken = [], {'base', 'tool'}

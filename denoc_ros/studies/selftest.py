@@ -55,36 +55,22 @@ CONDITIONS = (
 
 @dataclass(frozen=True)
 class Outcome:
-    """One record's outcome.
-
-    Attributes
-    ----------
-    condition, case : str
-    seed : tuple of int
-        Draws the record again.
-    identifiable, found : int
-        Modes with a bound up to 5 %, and those of them that were found.
-    errors, bounds : tuple of float
-        Relative errors of their damping ratios and bounds.
-    reported, covered : int
-        Modes of the truth that were reported, and those whose interval holds the truth.
-    spurious : int
-        Reported modes that are none.
-    seconds : float
-        Processor time.
-    """
+    """One record's outcome."""
 
     condition: str
     case: str
-    seed: tuple[int, ...]
+    seed: tuple[int, ...]  # draws the record again
+    # modes with a bound up to 5 %, and those of them that were found
     identifiable: int
     found: int
+    # relative errors of their damping ratios and bounds
     errors: tuple[float, ...]
     bounds: tuple[float, ...]
+    # modes of the truth that were reported, and those whose interval holds the truth
     reported: int
     covered: int
-    spurious: int
-    seconds: float
+    spurious: int  # reported modes that are none
+    seconds: float  # processor time
 
 
 @dataclass(frozen=True)

@@ -109,107 +109,54 @@ STEP = 1e-6  # of the differences that linearize it
 
 @dataclass(frozen=True)
 class Trace:
-    """A run with its accelerations, as far as it got.
+    """A run with its accelerations, as far as it got."""
 
-    Attributes
-    ----------
-    t : (m,) array
-        Output times reached [s].
-    q, qd, qdd, tau : (m, n) arrays
-        Coordinates, rates, accelerations and generalized forces.
-    evaluations : int
-        How often the accelerations were worked out to integrate.
-    seconds : float
-        Processor time of the integration.
-    failure : str
-        Why it ended early, else empty.
-    """
-
-    t: Array
+    t: Array  # (m,) output times reached [s]
+    # (m, n) coordinates, rates, accelerations and generalized forces
     q: Array
     qd: Array
     qdd: Array
     tau: Array
-    evaluations: int
-    seconds: float
-    failure: str
+    evaluations: int  # how often the accelerations were worked out to integrate
+    seconds: float  # processor time of the integration
+    failure: str  # why it ended early, else empty
 
 
 @dataclass(frozen=True)
 class Measures:
-    """One algorithm's run against the solution.
+    """One algorithm's run against the solution."""
 
-    Attributes
-    ----------
-    trace : Trace
-        The run.
-    deviation : (m, joints) array
-        Zero-eigenvalue deviation, absolute [rad, m].
-    from_desired : (m, joints) array or None
-        q - desired; None where the scenario has no reference.
-    power_difference : (m,) array
-        W.
-    roughness : (joints,) array
-        Of the accelerations [-].
-    acceptable : (joints,) array
-        Time up to which the deviation is accepted [s]; the end of the run where it always is.
-    power_acceptable : float
-        The same of the power difference [s].
-    call_seconds : float
-        Processor time of one forward dynamics.
-    """
-
-    trace: Trace
-    deviation: Array
+    trace: Trace  # the run
+    deviation: Array  # (m, joints) zero-eigenvalue deviation, absolute [rad, m]
+    # (m, joints) q - desired; None where the scenario has no reference
     from_desired: Array | None
-    power_difference: Array
-    roughness: Array
+    power_difference: Array  # (m,) W
+    roughness: Array  # (joints,) of the accelerations [-]
+    # (joints,) time up to which the deviation is accepted [s]; the end of the run where it always
+    # is
     acceptable: Array
-    power_acceptable: float
-    call_seconds: float
+    power_acceptable: float  # the same of the power difference [s]
+    call_seconds: float  # processor time of one forward dynamics
 
 
 @dataclass(frozen=True)
 class Study:
-    """Result of :func:`study_stability`.
-
-    Attributes
-    ----------
-    joint_names : tuple of str
-    joint_indices : (joints,) array of int
-        Where they stand among the coordinates.
-    joint_units : tuple of str
-        rad or m.
-    times : (k,) array
-        Output times of the scenario [s].
-    solution : Trace
-        What is right, at all of them.
-    exact : bool
-        The solution is the desired motion itself.
-    power : (k,) array
-        sum tau q' of the joints of the solution [W].
-    solution_roughness : (joints,) array
-    runs : mapping of str to Measures
-        By algorithm.
-    difference : float
-        Largest difference of the two algorithms' joints [rad, m], as far as both got.
-    fine_difference : float
-        The same where both integrate at the solution's tolerance: rounding, and its growth.
-    spectrum_times, growth, condition : (s,) arrays
-        s, growth rate of small errors [1/s], condition number of the inertia matrix.
-    """
+    """Result of :func:`study_stability`."""
 
     joint_names: tuple[str, ...]
-    joint_indices: NDArray[np.int64]
-    joint_units: tuple[str, ...]
-    times: Array
-    solution: Trace
-    exact: bool
-    power: Array
-    solution_roughness: Array
-    runs: Mapping[str, Measures]
+    joint_indices: NDArray[np.int64]  # (joints,) of int where they stand among the coordinates
+    joint_units: tuple[str, ...]  # rad or m
+    times: Array  # (k,) output times of the scenario [s]
+    solution: Trace  # what is right, at all of them
+    exact: bool  # the solution is the desired motion itself
+    power: Array  # (k,) sum tau q' of the joints of the solution [W]
+    solution_roughness: Array  # (joints,)
+    runs: Mapping[str, Measures]  # by algorithm
+    # largest difference of the two algorithms' joints [rad, m], as far as both got
     difference: float
+    # the same where both integrate at the solution's tolerance: rounding, and its growth
     fine_difference: float
+    # (s,) s, growth rate of small errors [1/s], condition number of the inertia matrix
     spectrum_times: Array
     growth: Array
     condition: Array

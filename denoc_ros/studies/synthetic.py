@@ -14,20 +14,11 @@ from denoc_ros.types import Array
 
 @dataclass(frozen=True)
 class Truth:
-    """One mode of a synthetic decay.
+    """One mode of a synthetic decay."""
 
-    Attributes
-    ----------
-    frequency : float
-        Undamped natural frequency [Hz].
-    damping_ratio : float
-        Below 1.
-    amplitude, phase : float
-        At the release [unit], [rad].
-    """
-
-    frequency: float
-    damping_ratio: float
+    frequency: float  # undamped natural frequency [Hz]
+    damping_ratio: float  # below 1
+    # at the release [unit], [rad]
     amplitude: float = 1.0
     phase: float = 0.0
 
@@ -40,49 +31,28 @@ class Truth:
 
 @dataclass(frozen=True)
 class Defects:
-    """Defects that a recording adds to a signal.
+    """Defects that a recording adds to a signal."""
 
-    Attributes
-    ----------
-    snr_db : float
-        20 log10 of the largest value of the decay over the noise's standard deviation.
-    offset, drift : float
-        In parts of the largest value; the drift is that over the whole record.
-    jitter : float
-        Standard deviation of the stamps in parts of the sample time; the stamps say when.
-    lost : float
-        Part of the samples that is missing.
-    lsb : float
-        Resolution in parts of the largest value; 0: none.
-    clip : float
-        Part of the largest value (either side of the offset) that is cut off.
-    """
-
+    # 20 log10 of the largest value of the decay over the noise's standard deviation
     snr_db: float = 40.0
+    # in parts of the largest value; the drift is that over the whole record
     offset: float = 0.0
     drift: float = 0.0
+    # standard deviation of the stamps in parts of the sample time; the stamps say when
     jitter: float = 0.0
-    lost: float = 0.0
-    lsb: float = 0.0
-    clip: float = 0.0
+    lost: float = 0.0  # part of the samples that is missing
+    lsb: float = 0.0  # resolution in parts of the largest value; 0: none
+    clip: float = 0.0  # part of the largest value (either side of the offset) that is cut off
 
 
 @dataclass(frozen=True, eq=False)
 class Decay:
-    """A synthetic record and its true parameters.
-
-    Attributes
-    ----------
-    record : Record
-    truth : tuple of Truth
-        By rising frequency.
-    bound : ndarray, shape (k,)
-        Cramer-Rao bound of each damping ratio, relative to it: at the true poles and noise, at
-        the samples that are there and not clipped, offset and drift unknown.
-    """
+    """A synthetic record and its true parameters."""
 
     record: Record
-    truth: tuple[Truth, ...]
+    truth: tuple[Truth, ...]  # by rising frequency
+    # (k,) Cramer-Rao bound of each damping ratio, relative to it: at the true poles and noise, at
+    # the samples that are there and not clipped, offset and drift unknown
     bound: Array
 
 

@@ -184,17 +184,10 @@ class MeshedLink:
 
 @dataclass(frozen=True)
 class Shape:
-    """A robot as drawn at an instant.
+    """A robot as drawn at an instant."""
 
-    Attributes
-    ----------
-    poses : (k, 4, 4) array
-        Of the links of `Bending.rigid`, base frame.
-    surfaces : tuple of (v, 3) arrays
-        Vertices of `Bending.flexible` [m, base frame].
-    """
-
-    poses: Array
+    poses: Array  # (k, 4, 4) of the links of `Bending.rigid`, base frame
+    # tuple of (v, 3) arrays: vertices of `Bending.flexible` [m, base frame]
     surfaces: tuple[Array, ...]
 
 

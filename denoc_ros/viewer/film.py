@@ -36,32 +36,20 @@ NO_ENCODER = 'mp4 needs imageio-ffmpeg ({}): pip install "denoc_ros[viewer]", or
 class Look:
     """How pictures look.
 
-    Attributes
-    ----------
-    scale : float
-        What deflections are drawn larger by; 0: chosen so that they are seen.
-    view : {'auto', 'side', 'top', 'front', 'iso'}
-        From where; auto: onto the plane of a motion that stays in one, else iso.
-    size : (int, int)
-        Width and height [pixels], even.
-    title : str
-        Above the picture; '': the robot's name.
-    folder : Path, optional
-        Where relative names of mesh files start.
-    phases : tuple of str
-        Phases that a film shows beside each other, each from its begin; (): the run as it was.
-
     Raises
     ------
     ConfigError
         With every value that is out of range.
     """
 
-    scale: float = 0.0
+    scale: float = 0.0  # what deflections are drawn larger by; 0: chosen so that they are seen
+    # {'auto', 'side', 'top', 'front', 'iso'}; from where; auto: onto the plane of a motion that
+    # stays in one, else iso
     view: str = AUTO
-    size: tuple[int, int] = (1280, 720)
-    title: str = ''
-    folder: Path | None = None
+    size: tuple[int, int] = (1280, 720)  # width and height [pixels], even
+    title: str = ''  # above the picture; '': the robot's name
+    folder: Path | None = None  # where relative names of mesh files start
+    # phases that a film shows beside each other, each from its begin; (): the run as it was
     phases: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:

@@ -35,21 +35,11 @@ log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class LinkSurface:
-    """The surface of a link.
-
-    Attributes
-    ----------
-    link : str
-    vertices : (v, 3) array
-        [m], in the link frame.
-    faces : (f, 3) int array
-        Triangles of vertices.
-    colour : red, green, blue of 0 .. 255
-    """
+    """The surface of a link."""
 
     link: str
-    vertices: Array
-    faces: Indices
+    vertices: Array  # (v, 3) [m], in the link frame
+    faces: Indices  # (f, 3) int triangles of vertices
     colour: Colour
 
 

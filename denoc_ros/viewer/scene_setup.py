@@ -41,18 +41,10 @@ LOOKS_ALONG = ('front', 'side', 'top')  # x, y, z
 
 @dataclass(frozen=True)
 class Triangles:
-    """Triangles of a robot in a picture, the rearmost first.
+    """Triangles of a robot in a picture, the rearmost first."""
 
-    Attributes
-    ----------
-    corners : (f, 3, 2) array
-        Right and up [m].
-    colours : (f, 3) array
-        Red, green, blue of 0 .. 1, shaded.
-    """
-
-    corners: Array
-    colours: Array
+    corners: Array  # (f, 3, 2) right and up [m]
+    colours: Array  # (f, 3) red, green, blue of 0 .. 1, shaded.
 
 
 class SceneSetup:
@@ -224,18 +216,10 @@ def _shade(normals: Array) -> Array:
 
 @dataclass(frozen=True)
 class Camera:
-    """A parallel projection.
+    """A parallel projection."""
 
-    Attributes
-    ----------
-    view : str
-        One of `VIEWS`.
-    axes : (3, 3) array
-        Rows: right, up, and towards the eye; base axes, a proper rotation.
-    """
-
-    view: str
-    axes: Array
+    view: str  # one of `VIEWS`
+    axes: Array  # (3, 3) rows: right, up, and towards the eye; base axes, a proper rotation
 
     @property
     def flat(self) -> bool:

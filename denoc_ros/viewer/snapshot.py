@@ -11,26 +11,14 @@ from denoc_ros.types import Array
 
 @dataclass(frozen=True)
 class Snapshot:
-    """One instant of a robot's motion.
+    """One instant of a robot's motion."""
 
-    Attributes
-    ----------
-    t : float [s]
-        Since the start of the run, or of the session.
-    q : (n,) array
-        Coordinates in the order of `Robot.coordinate_names`, amplitudes included [rad, m].
-    qd : (n,) array, optional
-        Their rates; None: taken as at rest.
-    torque : mapping of joint name to float, optional
-        [N m] or [N]; None: not known.
-    channels : mapping of str to float
-        What strip charts plot, by `group/name`: `deflection [m]/predicted link_2 uy`.
-    """
-
-    t: float
+    t: float  # since the start of the run, or of the session
+    # (n,) coordinates in the order of `Robot.coordinate_names`, amplitudes included [rad, m]
     q: Array
-    qd: Array | None = None
-    torque: Mapping[str, float] | None = None
+    qd: Array | None = None  # (n,) their rates; None: taken as at rest
+    torque: Mapping[str, float] | None = None  # [N m] or [N]; None: not known
+    # what strip charts plot, by `group/name`: `deflection [m]/predicted link_2 uy`
     channels: Mapping[str, float] = field(default_factory=dict)
 
 

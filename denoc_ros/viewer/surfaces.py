@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from denoc_ros.dynamics.robot import Robot
+from denoc_ros.dynamics.rotations import quaternion
 from denoc_ros.types import Array
 from denoc_ros.viewer.bending import Bending, Shape, strain_colours
 from denoc_ros.viewer.outline import STEEL, Colour, LinkSurface
@@ -155,7 +156,7 @@ class _RigidLinks:
             group.move(poses)
         for k, handle in self._heavy:
             handle.position = poses[k, :3, 3]
-            handle.wxyz = quaternion(poses[k, :3, :3])
+            handle.wxyz = quaternion(poses[k, :3, :3])[[3, 0, 1, 2]]
 
     def show(self, visible: bool) -> None:
         for handle in self._handles:
@@ -192,10 +193,3 @@ class _Together:
 def _shrunk(outline: LinkSurface) -> LinkSurface:
     middle = 0.5 * (outline.vertices.min(axis=0) + outline.vertices.max(axis=0))
     return replace(outline, vertices=middle + GHOST_SIZE * (outline.vertices - middle))
-
-
-def quaternion(rotation: Array) -> Array:
-    """Return the unit quaternion (w, x, y, z) of a rotation matrix."""
-    from scipy.spatial.transform import Rotation
-
-    return np.asarray(Rotation.from_matrix(rotation).as_quat()[[3, 0, 1, 2]])

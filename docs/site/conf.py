@@ -15,10 +15,13 @@ if HERE.name != 'site' or not (HERE.parents[1] / 'package.xml').is_file():
     HERE = Path(copied_from[1]).parent
 sys.path[:0] = [str(HERE), str(HERE.parents[1])]
 
-# what docs.ros.org has no package of: autodoc stands in for it, and no example runs there
+# what docs.ros.org has no package of: autodoc stands in for it
 NEEDED = ('numba', 'llvmlite', 'yourdfpy', 'mcap', 'zstandard', 'rosbags', 'trimesh', 'clarabel')
 NEEDED += ('lz4', 'ruamel', 'rich', 'websockets', 'skfem', 'pytetwild', 'pymetis', 'meshio')
 NEEDED += ('viser', 'imageio_ffmpeg', 'distributed', 'pyarrow', 'control', 'openpyxl', 'mujoco')
+NEEDED += ('rclpy', 'builtin_interfaces', 'rcl_interfaces', 'rosgraph_msgs', 'std_msgs')
+NEEDED += ('sensor_msgs', 'geometry_msgs', 'nav_msgs', 'trajectory_msgs', 'visualization_msgs')
+NEEDED += ('std_srvs', 'diagnostic_msgs', 'launch', 'launch_ros')
 autodoc_mock_imports = [name for name in NEEDED if importlib.util.find_spec(name) is None]
 # kernels are made by numba as they are imported
 autodoc_mock_imports += ['denoc_ros.kernels'] * ('numba' in autodoc_mock_imports)

@@ -8,10 +8,12 @@ from __future__ import annotations
 import argparse
 import ast
 import html
+import inspect
 import os
 import re
 import shutil
 import xml.etree.ElementTree as ElementTree
+from collections.abc import Mapping
 from functools import cache
 from importlib import import_module
 from pathlib import Path
@@ -35,10 +37,11 @@ PACKAGE = ROOT / 'denoc_ros'
 PROJECT = ('CHANGELOG', 'CONTRIBUTING', 'SECURITY', 'CODE_OF_CONDUCT')
 # files that pages link to: they are offered as they are
 FILES = ('LICENSE', 'CITATION.cff', 'config', '.github')
-# the packages under the public names; commands and nodes have references of their own
 ROOMS = {
     'dynamics': 'Robot: the verbs of the dynamics',
+    'kernels': 'the compiled recursion, on plain arrays',
     'model': 'the robot model: URDF and flexibility',
+    'reduction': 'links from meshes and finite elements',
     'simulation': 'scenarios and runs',
     'control': 'motions without residual vibration, state feedback',
     'estimation': 'observer, calibration',
@@ -47,6 +50,10 @@ ROOMS = {
     'viewer': 'the page in the browser, films',
     'reports': 'pages, figures, measures',
     'bags': 'recordings',
+    'runtime': 'clocks, limits, references and live models of the nodes',
+    'nodes': 'the ROS 2 nodes',
+    'cli': 'the code of the commands',
+    'studies': 'benchmarks, stability study, self tests',
 }
 
 
@@ -57,13 +64,17 @@ def write_pages(app: Sphinx, config: Config) -> None:
     extra = folder / 'extra'
     config.html_extra_path = [str(extra)]
     copy_pages(folder)
-    # where packages are missing, as on docs.ros.org, nothing is run
-    runs = [] if config.autodoc_mock_imports else run_all(folder, extra)
+    mocked = config.autodoc_mock_imports
+    rooms = {room: words for room, words in ROOMS.items() if f'denoc_ros.{room}' not in mocked}
+    # without kernels, as on docs.ros.org, nothing is run
+    runs = run_all(folder, extra) if 'kernels' in rooms else []
     write_gallery(folder, [run for run in runs if run.is_example])
     write_notebooks(folder)
-    with mock(config.autodoc_mock_imports):
-        write_reference(folder / 'api')
-    write_index(folder, with_runs=bool(runs))
+    with mock(mocked):
+        if 'kernels' in rooms:
+            uncompile()
+        write_reference(folder / 'api', rooms)
+    write_index(folder, rooms, with_runs=bool(runs))
     write_sources(extra / 'source')
 
 
@@ -106,14 +117,14 @@ def contents() -> dict[str, list[str]]:
     return found
 
 
-def write_index(folder: Path, with_runs: bool) -> None:
+def write_index(folder: Path, rooms: Mapping[str, str], with_runs: bool) -> None:
     """Write the first page: the README, and all pages in the sidebar."""
     found = contents()
     first, *others = found
     ran = ['docs/notebooks/index'] + ['docs/examples/index'] * with_runs
     rows = {first: found[first] + ran}
     rows |= {name: found[name] for name in others}
-    rows['reference'] = ['api/index', 'api/commands', *(f'api/{room}' for room in ROOMS)]
+    rows['reference'] = ['api/index', 'api/commands', *(f'api/{room}' for room in rooms)]
     rows['project'] = list(PROJECT)
     trees = [
         '\n'.join(['```{toctree}', ':hidden:', f':caption: {name}', '', *pages, '```', ''])
@@ -179,21 +190,35 @@ def root_modules() -> list[str]:
     return [f'denoc_ros.{path.stem}' for path in sorted(PACKAGE.glob('[a-z]*.py'))]
 
 
+def uncompile() -> None:
+    """Put the Python of each compiled function in its place: a reference has functions.
+
+    From here on no kernel runs in this process.
+    """
+    from denoc_ros.kernels.compiled import APART
+
+    for name in room_modules('kernels'):
+        module = import_module(name)
+        for key, value in list(vars(module).items()):
+            symbol = getattr(value, 'symbol', None)  # of a function that others call by it
+            compiled = APART[symbol] if isinstance(symbol, str) else value
+            if inspect.isfunction(python := getattr(compiled, '__wrapped__', None)):
+                setattr(module, key, python)
+
+
 def titled(title: str, line: str = '=') -> list[str]:
     """Return a title as reStructuredText."""
     return [title, line * len(title), '']
 
 
-def write_reference(folder: Path) -> None:
+def write_reference(folder: Path, rooms: Mapping[str, str]) -> None:
     """Write the pages of the public names, of each room and of the commands."""
     folder.mkdir(exist_ok=True)
     names = denoc_ros.__all__
     lines = titled('Python') + [
-        'The public names of ``import denoc_ros as dn``. The pages of the packages have all that '
-        'is under them. Left out on purpose, as nobody calls them: the compiled kernels, the '
-        'nodes and their runtime, whose topics, services and parameters are in '
-        ':doc:`../docs/nodes`, and the code of the commands, whose options are in '
-        ':doc:`commands`.',
+        'The public names of ``import denoc_ros as dn``. The pages of the packages have every '
+        'public class and function. Topics, services and parameters of the nodes are in '
+        ':doc:`../docs/nodes`, options of the commands in :doc:`commands`.',
         '',
         '.. autosummary::',
         '   :nosignatures:',
@@ -209,7 +234,7 @@ def write_reference(folder: Path) -> None:
             ''
         ]
     (folder / 'index.rst').write_text('\n'.join(lines), encoding='utf-8')
-    for room, words in ROOMS.items():
+    for room, words in rooms.items():
         modules = room_modules(room) + (root_modules() if room == 'dynamics' else [])
         # its names are found; all its words would take a quarter of the build
         lines = [':nosearch:', '', *titled(f'{room}: {words}')]

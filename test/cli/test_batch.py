@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import sys
+import tempfile
 from pathlib import Path
 
 import pytest
 
 from denoc_ros.cli.batch import FAILURE, KEY, RowStore, WorkerConfig, run_batch
 from denoc_ros.errors import ConfigError
+from denoc_ros.reports.text_table import Row
 
 COLUMNS = {'x': float, 'name': str, 'several': list}
 ITEMS: dict[str, object] = {
@@ -31,6 +34,35 @@ def test_every_item_has_a_row_and_bad_ones_say_why(tmp_path: Path, workers: int)
     assert good == [{KEY: key, FAILURE: '', **dict(ITEMS[key])} for key in 'ac']  # type: ignore[call-overload]
     stored = RowStore(tmp_path / 'rows', COLUMNS).rows()
     assert sorted(stored, key=lambda row: str(row[KEY])) == good
+
+
+class Watched(RowStore):
+    """A store that keeps where this process imports from while rows come."""
+
+    def append(self, row: Row) -> None:
+        self.paths = list(sys.path)
+        super().append(row)
+
+
+def test_nothing_is_imported_from_a_folder_that_others_made(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Dask puts its folder in the temporary one first among those of imports, whoever made it."""
+    shared = tmp_path / 'tmp'
+    planted = shared / 'dask-scratch-space'
+    planted.mkdir(parents=True)
+    for folder in (shared, planted):
+        folder.chmod(0o777)
+    monkeypatch.setenv('TMPDIR', str(shared))
+    monkeypatch.setattr(tempfile, 'tempdir', None)
+    store = Watched(tmp_path / 'rows', {'paths': str})
+    (row,) = run_batch(
+        lambda _: {'paths': '\n'.join(sys.path)}, {'a': 0}, store, WorkerConfig(1), progress=False
+    )
+    for path in {*store.paths, *str(row['paths']).split('\n')}:
+        assert not Path(path).is_relative_to(planted)
+    assert not list(planted.iterdir())
+    assert [path for path in shared.iterdir() if path != planted] == []
 
 
 def test_what_is_stored_is_not_run_again_and_failures_are(tmp_path: Path) -> None:

@@ -89,7 +89,7 @@ def test_what_is_not_there_is_said(bag: Path, capsys: pytest.CaptureFixture[str]
         "--joint must be of ['j1', 'j2'] on /reference, got ['elbow']" in capsys.readouterr().err
     )
     assert main(['identify', 'servo', str(bag), '--begin', '3', '--end', '2']) == 1
-    assert '--begin must be < --end' in capsys.readouterr().err
+    assert '--begin must be before --end' in capsys.readouterr().err
     assert main(['identify', 'servo', str(bag), '--begin', '50']) == 1
     assert 'must have positions after the first command' in capsys.readouterr().err
     # after the motion nothing moves any more

@@ -5,11 +5,11 @@ from __future__ import annotations
 import os
 import signal
 import time
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 
 import pytest
 
-from denoc_ros.cli.interrupts import NUMBERS, Interrupts
+from denoc_ros.cli.interrupts import NUMBERS, Interrupt, Interrupts, interrupt
 
 
 @pytest.mark.parametrize('number', NUMBERS)
@@ -83,6 +83,28 @@ def test_an_interrupt_in_a_finalizer_comes_again(capsys: pytest.CaptureFixture[s
         time.sleep(60.0)
     assert time.monotonic() - begin < 30.0  # it ends the wait
     assert 'Traceback' not in capsys.readouterr().err
+
+
+@pytest.mark.parametrize('handled', ['command', 'session'])
+def test_an_interrupt_within_the_compiler_waits_for_its_end(handled: str) -> None:
+    """Raised while a kernel was loaded, it ended in SIGSEGV."""
+    done: list[int] = []
+    within = {'__name__': 'llvmlite.binding.ffi', 'os': os, 'signal': signal, 'done': done}
+    within['call'] = lambda: time.sleep(0.1)
+    exec('def load():\n os.kill(os.getpid(), signal.SIGINT)\n call()\n done.append(1)', within)
+    before = signal.getsignal(signal.SIGINT)
+    begin = time.monotonic()
+    try:
+        if handled == 'command':
+            signal.signal(signal.SIGINT, interrupt)
+        with Interrupts() if handled == 'session' else nullcontext(), pytest.raises(Interrupt):  # noqa: PT012
+            within['load']()  # type: ignore[operator]
+            time.sleep(60.0)
+    finally:
+        signal.signal(signal.SIGINT, before)
+        signal.signal(signal.SIGALRM, signal.SIG_DFL)
+    assert done == [1]
+    assert time.monotonic() - begin < 30.0
 
 
 def test_an_error_made_of_an_interrupt_is_the_interrupt() -> None:

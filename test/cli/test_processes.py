@@ -53,6 +53,22 @@ def test_an_unexpected_end_is_told_with_its_last_words(
         processes.check()
 
 
+@pytest.mark.skipif(sys.version_info < (3, 11), reason='its Python cannot leave the folder out')
+def test_nothing_is_imported_from_the_folder_a_session_is_started_in(
+    processes: Processes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ('numpy', 'yaml', 'signal'):
+        (tmp_path / f'{name}.py').write_text('raise SystemExit("planted")')
+    monkeypatch.chdir(tmp_path)
+    processes.start('a', ['-m', 'denoc_ros.cli.verbs'], ends=True)
+    processes.start('b', ['-c', 'import signal, yaml, numpy; print("own")'], ends=True)
+    end = time.perf_counter() + PATIENCE
+    while any(map(processes.running, 'ab')) and time.perf_counter() < end:
+        time.sleep(0.02)
+    processes.check()
+    assert 'own' in (tmp_path / 'b.log').read_text()
+
+
 def test_a_process_that_may_end_well_is_no_failure(processes: Processes) -> None:
     processes.start('a', ['-c', 'pass'], ends=True)
     end = time.perf_counter() + PATIENCE

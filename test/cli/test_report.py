@@ -99,6 +99,7 @@ def test_what_is_no_run_is_refused(
     ('session', 'match'),
     [
         ('{', 'session.json must be JSON'),
+        ('[' * 100_000, 'session.json must be JSON'),
         ('[1]', r'session.json must be what .* got other values: \[1\]'),
         ('{"gravity": "down", "model": 3}', 'got other values: gravity, model'),
     ],

@@ -10,6 +10,7 @@ import time
 from pathlib import Path
 
 import pytest
+from child_processes import child, children
 
 from denoc_ros.cli.main import LONGEST, main
 
@@ -70,7 +71,8 @@ def test_a_limit_of_memory_is_one_line(repository: Path, tmp_path: Path) -> None
 
 def test_ctrl_c_while_modules_are_imported_ends_with_130(repository: Path) -> None:
     """Python's own start, before the command has begun, is not in its hands."""
-    line = 'import sys, denoc_ros.cli.main as m; print(flush=True); sys.exit(m.main())'
+    line = 'import sys; sys.argv[0] = "denoc"; import denoc_ros.cli.main as m; '
+    line += 'print(flush=True); sys.exit(m.main())'
     for wait in (0.02, 0.1, 0.2, 0.3, 0.4):
         process = subprocess.Popen(
             [sys.executable, '-c', line, 'check', ROBOT],
@@ -83,6 +85,50 @@ def test_ctrl_c_while_modules_are_imported_ends_with_130(repository: Path) -> No
         _, said = process.communicate(timeout=60)
         assert 'Traceback' not in said
         assert process.returncode in (0, 130)
+
+
+def test_ctrl_c_before_the_command_has_begun_ends_with_130() -> None:
+    """While its first modules are imported, which took a traceback."""
+    line = (
+        'import os, signal, sys; sys.argv = ["/usr/bin/denoc"]\n'
+        'import denoc_ros.cli\n'
+        'os.kill(os.getpid(), signal.SIGINT)'
+    )
+    ended = subprocess.run([sys.executable, '-c', line], capture_output=True, text=True)
+    assert (ended.returncode, ended.stdout, ended.stderr) == (130, '', 'denoc: interrupted\n')
+    # who imports the package has a Ctrl-C of their own
+    line = 'import signal, denoc_ros.cli\nassert signal.getsignal(2) is signal.default_int_handler'
+    assert subprocess.run([sys.executable, '-c', line]).returncode == 0
+
+
+@pytest.mark.parametrize('moment', ['starts', 'works'])
+def test_ctrl_c_with_workers_leaves_no_process_and_no_traceback(
+    repository: Path, tmp_path: Path, moment: str
+) -> None:
+    """Two of four moments of their start ended in tracebacks and status -2."""
+    words = ['config/robots/clamped_beam.urdf', 'config/scenarios/clamped_beam.yaml']
+    words += ['--vary', 'beam.link_1.y.ei=8:12', '--runs', '300', '--workers', '2', '-o']
+    with child(
+        [*DENOC, 'simulate', *words, str(tmp_path / 'rows')],
+        cwd=repository, stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True,
+    ) as process:  # fmt: skip
+        until = time.monotonic() + 120.0
+        while not (
+            any((tmp_path / 'rows').glob('*')) if moment == 'works' else children(process.pid)
+        ):
+            assert process.poll() is None
+            assert time.monotonic() < until
+            time.sleep(0.01)
+        os.killpg(process.pid, signal.SIGINT)  # as a terminal does
+        _, said = process.communicate(timeout=120)
+        assert 'Traceback' not in said
+        assert process.returncode == 130, said
+        # what tracks their shared memory ends by itself
+        until = time.monotonic() + 60.0
+        with pytest.raises(ProcessLookupError):  # noqa: PT012
+            while time.monotonic() < until:
+                os.killpg(process.pid, 0)
+                time.sleep(0.05)
 
 
 def test_an_error_without_words_and_one_with_too_many_are_told(

@@ -10,6 +10,7 @@ import pytest
 from strategies import random_state, seeded_robot
 
 from denoc_ros.dynamics.robot import Robot, load_robot
+from denoc_ros.dynamics.validation import as_states
 from denoc_ros.errors import StateError
 from denoc_ros.types import Array
 
@@ -177,3 +178,11 @@ def test_call_with_out_keeps_no_memory(
         tracemalloc.stop()
     # frames and argument tuples of Python pass; an array of the state's size is 8 n bytes each
     assert peak < 4096
+
+
+def test_finite_states_are_taken_where_their_squares_overflow() -> None:
+    large = np.array([1e200, -1e300, 0.0])
+    assert as_states('q', large, 3) is large
+    for bad in (np.nan, np.inf, -np.inf):
+        with pytest.raises(StateError, match=r'q must be finite, got .* at index \(1,\)'):
+            as_states('q', [1e200, bad, 0.0], 3)

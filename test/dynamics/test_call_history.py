@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 import subprocess
 import sys
 from collections.abc import Callable
@@ -54,22 +55,32 @@ def digest(found: Any) -> str:
     return hashlib.sha256(b''.join(each.tobytes() for each in numbers)).hexdigest()
 
 
-def call_all(path: str, frame: str, order: int) -> None:
-    """Print a digest of each verb's result; called in order, or from the last."""
+def call_all(path: str, frame: str, order: str) -> None:
+    """Print a digest of each verb's result: called in order, from the last, or each alone.
+
+    Alone, a verb is the first of a process that has the robot and nothing else: a fork.
+    """
     robot = load_robot(path)
     rng = np.random.default_rng(7)
     q = robot.assemble(rng.uniform(-0.05, 0.05, robot.n))
     qd = robot.assemble_rates(q, rng.uniform(-0.1, 0.1, robot.n))
     x = rng.uniform(-1.0, 1.0, robot.n)
-    for name, verb in list(verbs(frame).items())[::order]:
-        print(name, digest(verb(robot, q, qd, x)))
+    for name, verb in list(verbs(frame).items())[:: -1 if order == 'backwards' else 1]:
+        if order == 'alone' and (child := os.fork()):
+            assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
+            continue
+        print(name, digest(verb(robot, q, qd, x)), flush=True)
+        if order == 'alone':
+            os._exit(0)
 
 
 @pytest.mark.parametrize('name', ROBOTS)
-def test_results_do_not_depend_on_earlier_calls(repository: Path, name: str) -> None:
+def test_each_verb_gives_the_same_on_a_fresh_process_and_after_all_others(
+    repository: Path, name: str
+) -> None:
     path = repository / 'config' / 'robots' / f'{name}.urdf'
     found = []
-    for order in ('1', '-1'):
+    for order in ('alone', 'forwards', 'backwards'):
         done = subprocess.run(
             [sys.executable, __file__, str(path), ROBOTS[name], order],
             timeout=TIMEOUT, capture_output=True, text=True, check=False,
@@ -77,8 +88,8 @@ def test_results_do_not_depend_on_earlier_calls(repository: Path, name: str) -> 
         assert done.returncode == 0, done.stderr
         found.append(dict(line.rsplit(' ', 1) for line in done.stdout.splitlines()))
     assert len(found[0]) == len(verbs(''))
-    assert found[0] == found[1]
+    assert found[0] == found[1] == found[2]
 
 
 if __name__ == '__main__':
-    call_all(sys.argv[1], sys.argv[2], int(sys.argv[3]))
+    call_all(*sys.argv[1:])

@@ -73,6 +73,23 @@ def test_hybrid_agrees_with_inverse(close: Close, text: str, seed: int) -> None:
     np.testing.assert_allclose(tau[flexible], 0, rtol=0, atol=1e-10 * scale)
 
 
+@law(10)
+@given(text=robots(), seed=seeds)
+def test_hybrid_agrees_with_inverse_under_wrenches(text: str, seed: int) -> None:
+    """Held joints carry their part of a wrench; forces tau act on the other coordinates alone."""
+    robot = load_robot(text)
+    s = random_state(robot.coordinate_names, seed)
+    joints, free = np.asarray(robot.joint_indices), np.asarray(robot.free_indices)
+    rng = np.random.default_rng(seed)
+    wrenches, push = {robot.frame_names[-1]: rng.normal(size=6)}, rng.normal(size=robot.n)
+    torque, rest = robot.hybrid_dynamics(s.q, s.qd, s.qdd[joints], tau=push, wrenches=wrenches)
+    qdd, expected = s.qdd.copy(), push.copy()
+    qdd[free], expected[joints] = rest, torque
+    tau = robot.inverse_dynamics(s.q, s.qd, qdd, wrenches)
+    scale = float(np.abs(np.concatenate([tau, robot.bias_forces(s.q, s.qd)])).max())
+    np.testing.assert_allclose(tau, expected, rtol=0, atol=1e-10 * scale)
+
+
 @law(15)
 @given(text=robots(), seed=seeds)
 def test_inertia_matrix_is_symmetric_positive_definite(close: Close, text: str, seed: int) -> None:

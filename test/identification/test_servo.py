@@ -7,7 +7,7 @@ import pytest
 
 from denoc_ros.control.servo import joint_servo
 from denoc_ros.errors import IdentificationError
-from denoc_ros.identification.servo import ServoFit, fit_servo, fit_servo_runs
+from denoc_ros.identification.servo import ServoFit, fit_servo_runs
 from denoc_ros.types import Array
 
 STEP = 0.004
@@ -32,7 +32,7 @@ def fitted(
     late = joint_servo(1, *truth).response(fine, np.interp(fine, t, command)[:, None])
     measured = np.interp(t, fine, late[:, 0]) + offset
     measured = measured + np.random.default_rng(seed).normal(0.0, noise, len(t))
-    return fit_servo('j1', t, command, measured), measured
+    return fit_servo_runs('j1', [(t, command, measured)]), measured
 
 
 @pytest.mark.parametrize(
@@ -68,24 +68,24 @@ def test_record_may_begin_in_motion() -> None:
     late = joint_servo(1, 5.0, 0.5, 0.02).response(fine, np.interp(fine, t, command)[:, None])
     part = t > 0.7
     measured = np.interp(t, fine, late[:, 0])
-    fit = fit_servo('j1', t[part], command[part], measured[part])
+    fit = fit_servo_runs('j1', [(t[part], command[part], measured[part])])
     assert fit.bandwidth == pytest.approx(5.0, rel=0.05)
     assert fit.delay == pytest.approx(0.02, abs=2e-3)
 
 
 def test_what_cannot_be_told_is_said() -> None:
     t, command = commanded()
-    exact = fit_servo('j1', t, command, command)
+    exact = fit_servo_runs('j1', [(t, command, command)])
     assert exact.verdict == 'not identifiable'
     rough = np.random.default_rng(0).normal(0.0, 0.3, len(t))
-    assert fit_servo('j1', t, command, command + rough).verdict == 'not identifiable'
+    assert fit_servo_runs('j1', [(t, command, command + rough)]).verdict == 'not identifiable'
     # a joint that turns a quarter of what it is told to is no servo of this kind
-    wrong = fit_servo('j1', t, command, 0.75 * command)
+    wrong = fit_servo_runs('j1', [(t, command, 0.75 * command)])
     assert wrong.verdict != 'good'
     with pytest.raises(IdentificationError, match='50 samples of a command that moves by'):
-        fit_servo('j1', t, np.zeros(len(t)), command)
+        fit_servo_runs('j1', [(t, np.zeros(len(t)), command)])
     with pytest.raises(IdentificationError, match='got 20 of one that moves by'):
-        fit_servo('j1', t[:20], np.linspace(0.0, 1.0, 20), command[:20])
+        fit_servo_runs('j1', [(t[:20], np.linspace(0.0, 1.0, 20), command[:20])])
 
 
 def rough_run(seed: int, gain: float = 1.0) -> tuple[Array, Array, Array]:
@@ -113,7 +113,7 @@ def test_an_arm_that_stops_short_has_a_static_gain() -> None:
     t, command = commanded()
     fine = np.arange(0.0, t[-1] + STEP, STEP / 8)
     late = joint_servo(1, 5.0, 0.5, 0.01).response(fine, np.interp(fine, t, command)[:, None])
-    fit = fit_servo('j1', t, command, 0.63 * np.interp(t, fine, late[:, 0]))
+    fit = fit_servo_runs('j1', [(t, command, 0.63 * np.interp(t, fine, late[:, 0]))])
     assert fit.gain == pytest.approx(0.63, rel=1e-3)
     assert fit.bandwidth == pytest.approx(5.0, rel=0.01)
     assert fit.verdict == 'good'

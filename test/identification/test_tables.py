@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import zipfile
 from collections.abc import Callable
 from datetime import datetime, timedelta
 from pathlib import Path
@@ -11,7 +12,9 @@ import numpy as np
 import openpyxl
 import pytest
 from numpy.typing import NDArray
+from scipy.io import savemat
 
+from denoc_ros.bags import tables
 from denoc_ros.bags.tables import read_table
 from denoc_ros.cli.main import main
 from denoc_ros.errors import BagError
@@ -116,6 +119,23 @@ def test_a_spreadsheet_is_a_table(tmp_path: Path) -> None:
     np.testing.assert_allclose(record.y, Y, rtol=1e-14)  # written with 16 digits
     book(path, ['Zeit', 'Tip'], *([BEGIN + timedelta(seconds=t), y] for t, y in ROWS))
     np.testing.assert_allclose(read_record(path, Channel(field='Tip')).record.t, T, atol=1e-3)
+
+
+def test_a_small_file_of_a_large_table_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(tables, 'LARGEST', 4 << 20)
+    savemat(tmp_path / 'a.mat', {'t': T, 'y': np.zeros(3 << 17)}, do_compression=True)
+    assert read_table(tmp_path / 'a.mat')['y'].size == 3 << 17
+    savemat(tmp_path / 'b.mat', {'t': T, 'y': np.zeros(5 << 17)}, do_compression=True)
+    assert (tmp_path / 'b.mat').stat().st_size < 100_000
+    cells: list[object] = [0.0]
+    book(tmp_path / 'b.xlsx', ['y'], *[cells] * 100)
+    with zipfile.ZipFile(tmp_path / 'b.xlsx', 'a', zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr('xl/more.xml', bytes(5 << 20))
+    for name in ('b.mat', 'b.xlsx'):
+        with pytest.raises(BagError, match=f'{name}: table must unpack to at most 4 MiB, got'):
+            read_table(tmp_path / name)
 
 
 def test_a_spreadsheet_without_its_reader_says_how(

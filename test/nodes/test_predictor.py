@@ -23,8 +23,8 @@ from visualization_msgs.msg import MarkerArray
 
 import denoc_ros as dn
 from denoc_ros.dynamics.deflection import TipDeflections
+from denoc_ros.dynamics.rotations import quaternion
 from denoc_ros.errors import ConfigError
-from denoc_ros.nodes.plant import quaternion
 from denoc_ros.nodes.predictor import PredictorNode
 from denoc_ros.runtime.predictor_parameters import TABLE
 from denoc_ros.simulation.simulate import Run

@@ -103,8 +103,9 @@ def test_a_signal_ends_with_the_safe_command_and_status_0(
     process.send_signal(number)
     graph.until(lambda: process.poll() is not None)
     graph.spin(0.3)  # let what is under way arrive
-    _, errors = process.communicate(timeout=60)
+    said, errors = process.communicate(timeout=60)
     assert process.returncode == 0, errors
+    assert 'active at 100 Hz: robot' in said + errors
     robot = load_robot(urdf, gravity=(0.0, -9.81, 0.0))
     q, zero = np.zeros(robot.n), np.zeros(robot.n)
     q[robot.joint_indices] = 0.4, -0.7

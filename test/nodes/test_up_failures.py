@@ -46,6 +46,9 @@ def test_a_failure_in_a_phase_leaves_a_report_of_what_came_before(
 def test_a_node_that_does_not_start_leaves_a_report_of_why(
     folder: Path, environment: dict[str, str]
 ) -> None:
+    mesh = '<visual><geometry><mesh filename="package://none/arm.stl"/></geometry></visual>'
+    arm = folder / 'arm.urdf'
+    arm.write_text(arm.read_text().replace('<inertial>', f'{mesh}<inertial>', 1))
     (folder / 'session.yaml').write_text(
         f'robot: arm.urdf\n{UNBUILDABLE}nodes: {{feedforward: {{effort_limits: [1, 2, 3]}}}}\n'
     )
@@ -61,6 +64,9 @@ def test_a_node_that_does_not_start_leaves_a_report_of_why(
     )
     assert done.returncode == 1, done.stderr
     assert 'denoc up: feedforward: process must keep running, got exit status 1' in done.stderr
+    # told once, before anything is started
+    assert done.stderr.count('package://none/arm.stl') == 1
+    assert done.stderr.index('package://none/arm.stl') < done.stderr.index('starting recorder')
     page = (run / 'report.html').read_text()
     assert 'The session ended before its end: feedforward: process must keep running' in page
     assert 'effort_limits' in page  # its last words

@@ -96,7 +96,10 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> str:
         f'A page of {LONG}',
         LONG,
         Verdict(f'It comes down to {LONG}.', 'doubtful'),
-        [Card(LONG, '15.1 mrad → 4.2 mrad', LONG)] * 5,
+        [
+            *[Card(LONG, '15.1 mrad', LONG)] * 3,
+            *[Card('error', rows=[(LONG, '15.1 mrad'), ('second', '4.2 mrad')])] * 2,
+        ],
         [
             PageSection(
                 'Many panels', f'{LONG} of 12.3 mm', [line_figure(panels)], [table, small]
@@ -147,6 +150,22 @@ def test_a_wide_table_keeps_its_first_column_in_sight(browser: Browser, page: st
     tab.goto(page)
     assert np.all(np.abs(tab.evaluate(FIRST)) <= 1.0)
     assert tab.locator('.quantity').count() > 10
+
+
+def test_a_value_on_a_card_has_its_own_look_beside_its_name(browser: Browser, page: str) -> None:
+    """A number with its unit had the look of the label, and each stood on a line of its own."""
+    for width in (390, 1280):
+        tab = browser.new_page(viewport={'width': width, 'height': 800})
+        tab.goto(page)
+        for value in tab.locator('.card b .quantity, .card dd .quantity').all():
+            assert value.evaluate('box => getComputedStyle(box).display') == 'inline'
+        assert colour(tab, '.card b .quantity', 'color') == colour(tab, '.card b', 'color')
+        name = tab.locator('.card dt').first.bounding_box()
+        number = tab.locator('.card dd').first.bounding_box()
+        assert name is not None
+        assert number is not None
+        assert number['x'] >= name['x'] + name['width']
+        assert abs(number['y'] - name['y']) < 8.0
 
 
 def test_what_a_histogram_does_not_show_has_a_bar(browser: Browser, page: str) -> None:

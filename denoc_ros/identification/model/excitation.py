@@ -18,19 +18,19 @@ from denoc_ros.errors import ConfigError, SolverError
 from denoc_ros.identification.model.excited_channels import (
     FEWEST_HARMONICS,
     WHERE,
-    Along,
     ExcitedChannels,
     MotionRows,
+    PrescribedRobot,
     RestSeries,
     channel_noise,
 )
 from denoc_ros.identification.model.free_parameters import PRIOR, FreeParameters
 from denoc_ros.identification.model.information import (
     Information,
-    Mask,
     combinations,
     in_directions,
     information,
+    interval_ends,
     left_beside_noise,
     verdict_of,
 )
@@ -323,65 +323,29 @@ def design_excitation(
     robot = measured_robot(robot.with_modelled_payloads())
     require_known_base(robot, WHERE)
     _require(robot, duration, harmonics, rate, time_limit)
-    return _designed(
-        robot,
-        free,
-        RestSeries(duration, harmonics),
-        start or {},
-        GivenLimits(position or {}, velocity, acceleration, effort, deflection or {}),
-        GivenNoise(noise or {}, rate),
-        SearchClock(time_limit, progress or (lambda share: None)),
-        seed,
-    )
-
-
-@dataclass(frozen=True)
-class GivenLimits:
-    """Limits of a motion as given; those not given are the robot's own."""
-
-    position: Mapping[str, tuple[float, float]]
-    velocity: Given | None
-    acceleration: Given | None
-    effort: Given | None
-    deflection: Mapping[str, float]
-
-
-@dataclass(frozen=True)
-class GivenNoise:
-    """How a motion is recorded: deviations of samples as they were given, and the rate [Hz]."""
-
-    deviations: Mapping[str, float]
-    rate: float
-
-
-def _designed(
-    robot: Robot,
-    free: Sequence[str],
-    series: RestSeries,
-    start: Mapping[str, float],
-    given: GivenLimits,
-    noise: GivenNoise,
-    clock: SearchClock,
-    seed: int,
-) -> Excitation:
-    """Return the best motion found until the clock is over."""
+    clock = SearchClock(time_limit, progress or (lambda share: None))
     began = time.perf_counter()
-    along = Along(robot)
-    limits = _limits(robot, along, given)
-    begin = _start(along, limits.joints, start)
+    along = PrescribedRobot(robot)
+    joints = joint_limits(robot, velocity, acceleration, None, effort)
+    lengths = {beam.link: beam.length for beam in whole_beams(robot.tree)}
+    limits = MotionLimits(
+        _narrowed(robot, joints, position or {}),
+        deflection_limits(along, lengths, DEFLECTION, deflection or {}),
+    )
+    begin = _start(along, limits.joints, start or {})
     by_joint = dict(zip(along.every_joint, limits.joints.effort.tolist(), strict=True))
-    deviations = noise.deviations
+    deviations = noise or {}
     # what is given wrong is told before anything is worked out
     channel_noise(robot, along.joints, deviations, by_joint, dict.fromkeys(along.joints, 1.0))
     FreeParameters(robot, free)
-    space = MotionSpace(along, series, begin, limits)
+    space = MotionSpace(along, RestSeries(duration, harmonics), begin, limits)
     times = space.times(SEARCH_STEP)
     drawn = random_motions(space, times, seed, clock)
     tried = [along.response(space.rows(x, times)).effort for x in drawn]
     largest = dict(zip(along.joints, np.abs(np.vstack(tried)).max(axis=0).tolist(), strict=True))
     parameters = FreeParameters(robot, free, {k: v for k, v in largest.items() if v > 0.0})
     own = channel_noise(robot, along.joints, deviations, by_joint, largest)
-    channels = ExcitedChannels(along, parameters, own, noise.rate)
+    channels = ExcitedChannels(along, parameters, own, rate)
     search = ExcitationSearch(space, channels, times)
     before = min(search.criterion(x) for x in drawn)
     best, _ = search.best(drawn, clock)
@@ -414,12 +378,13 @@ def _require(
     ConfigError.raise_any(WHERE, findings)
 
 
-def _limits(robot: Robot, along: Along, given: GivenLimits) -> MotionLimits:
-    """Return the limits: the robot's own, or those given."""
-    joints = joint_limits(robot, given.velocity, given.acceleration, None, given.effort)
-    lower, upper = joints.lower.copy(), joints.upper.copy()
+def _narrowed(
+    robot: Robot, limits: JointLimits, ranges: Mapping[str, tuple[float, float]]
+) -> JointLimits:
+    """Return limits of joints with narrower ranges of some positions."""
+    lower, upper = limits.lower.copy(), limits.upper.copy()
     names, findings = list(robot.joint_names), []
-    for name, (low, high) in given.position.items():
+    for name, (low, high) in ranges.items():
         if name not in names:
             findings.append(f'position must be of joints of {", ".join(names)}, got {name!r}')
             continue
@@ -431,12 +396,10 @@ def _limits(robot: Robot, along: Along, given: GivenLimits) -> MotionLimits:
             )
         lower[k], upper[k] = low, high
     ConfigError.raise_any(WHERE, findings)
-    lengths = {beam.link: beam.length for beam in whole_beams(robot.tree)}
-    bent = deflection_limits(along, lengths, DEFLECTION, given.deflection)
-    return MotionLimits(replace(joints, lower=lower, upper=upper), bent)
+    return replace(limits, lower=lower, upper=upper)
 
 
-def _start(along: Along, limits: JointLimits, given: Mapping[str, float]) -> Array:
+def _start(along: PrescribedRobot, limits: JointLimits, given: Mapping[str, float]) -> Array:
     """Return where the driven joints begin."""
     findings = [
         f'start must be of joints of {", ".join(along.joints)}, got {name!r}'
@@ -499,7 +462,7 @@ def _concluded(
     info = information(jacobian, np.ones(rows), np.arange(rows), exact=left)
     zero = np.zeros(parameters.size)
     values, half = parameters.values(zero), info.half * parameters.scales(zero)
-    low, high = _interval(values, half, parameters.multiplicative)
+    low, high = interval_ends(values, half, parameters.multiplicative)
     sines, cosines = series.coefficients(space.free(best))
     return Excitation(
         space.along.joints,
@@ -520,12 +483,3 @@ def _concluded(
         seconds,
         channels.evaluations,
     )
-
-
-def _interval(values: Array, half: Array, factors: Mask) -> tuple[Array, Array]:
-    """Return the ends (p,) of intervals of half a width; those of factors in logarithms."""
-    low, high = values - half, values + half
-    with np.errstate(over='ignore', divide='ignore'):
-        ratio = np.exp(half[factors] / np.abs(values[factors]))
-    low[factors], high[factors] = values[factors] / ratio, values[factors] * ratio
-    return low, high

@@ -27,17 +27,10 @@ STEP = 1e-4  # of the differences by theta
 
 @dataclass(frozen=True)
 class MotionRows:
-    """A motion of k rows.
+    """A motion of k rows."""
 
-    Attributes
-    ----------
-    t : (k,) array
-        [s]
-    q, qd, qdd : (k, joints) arrays
-        [rad, m], and per s, per s^2.
-    """
-
-    t: Array
+    t: Array  # (k,) [s]
+    # (k, joints) [rad, m], and per s, per s^2
     q: Array
     qd: Array
     qdd: Array
@@ -104,30 +97,17 @@ class RestSeries:
 
 @dataclass(frozen=True)
 class Response:
-    """Response of a robot to a motion of k rows.
+    """Response of a robot to a motion of k rows."""
 
-    Attributes
-    ----------
-    effort : (k, driven) array
-        As joint states have it [N m, N].
-    drive : (k, driven) array
-        Of the motors: more, where joints are measured behind their springs [N m, N].
-    sensors : (k, sensors) array
-        Raw readings.
-    inertial : (k, values) array
-        Of IMUs and accelerometers, one after another [rad/s, m/s^2].
-    deflection : (k, flexible links) array
-        Of the tips across their axes [m].
-    """
-
-    effort: Array
+    effort: Array  # (k, driven) as joint states have it [N m, N]
+    # (k, driven) of the motors: more, where joints are measured behind their springs [N m, N]
     drive: Array
-    sensors: Array
-    inertial: Array
-    deflection: Array
+    sensors: Array  # (k, sensors) raw readings
+    inertial: Array  # (k, values) of IMUs and accelerometers, one after another [rad/s, m/s^2]
+    deflection: Array  # (k, flexible links) of the tips across their axes [m]
 
 
-class Along:
+class PrescribedRobot:
     """A robot that is led along motions of its joints; the amplitudes follow from equilibrium.
 
     Parameters
@@ -221,7 +201,7 @@ class ExcitedChannels:
 
     Parameters
     ----------
-    along : Along
+    along : PrescribedRobot
         Of the robot as it is.
     parameters : FreeParameters
     noise : dict of str to float
@@ -233,7 +213,7 @@ class ExcitedChannels:
 
     def __init__(
         self,
-        along: Along,
+        along: PrescribedRobot,
         parameters: FreeParameters,
         noise: Mapping[str, float],
         rate: float,
@@ -255,10 +235,10 @@ class ExcitedChannels:
         linear, self._paths = parameters.linear(set(parameters.robot.joint_names))
         self._linear, self._slopes = linear, parameters.slopes(np.zeros(parameters.size))
         self._others = sorted(set(range(parameters.size)) - set(linear))
-        self._sides: dict[tuple[int, float], tuple[Along, SearchPoint]] = {}
+        self._sides: dict[tuple[int, float], tuple[PrescribedRobot, SearchPoint]] = {}
         self.evaluations = 0
 
-    def whitened(self, along: Along, point: SearchPoint, rows: MotionRows) -> Array:
+    def whitened(self, along: PrescribedRobot, point: SearchPoint, rows: MotionRows) -> Array:
         """Return all channels (k, channels), in deviations of so many samples."""
         self.evaluations += 1
         response = along.response(rows)
@@ -320,10 +300,10 @@ class ExcitedChannels:
         """Return the root of how many samples a row stands for."""
         return float(np.sqrt(self.rate * (rows.t[1] - rows.t[0])))
 
-    def _here(self) -> tuple[Along, SearchPoint]:
+    def _here(self) -> tuple[PrescribedRobot, SearchPoint]:
         return self._sides.setdefault((-1, 0.0), (self._made(self._point), self._point))
 
-    def _side(self, k: int, change: float) -> tuple[Along, SearchPoint]:
+    def _side(self, k: int, change: float) -> tuple[PrescribedRobot, SearchPoint]:
         """Return the robot with one theta changed; made once."""
         if (k, change) not in self._sides:
             theta = np.zeros(self.parameters.size)
@@ -332,8 +312,8 @@ class ExcitedChannels:
             self._sides[(k, change)] = (self._made(point), point)
         return self._sides[(k, change)]
 
-    def _made(self, point: SearchPoint) -> Along:
-        return Along(self.parameters.robot_at(point))
+    def _made(self, point: SearchPoint) -> PrescribedRobot:
+        return PrescribedRobot(self.parameters.robot_at(point))
 
 
 def _late(t: Array, values: Array, delay: float) -> Array:

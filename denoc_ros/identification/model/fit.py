@@ -22,6 +22,7 @@ from denoc_ros.identification.model.free_parameters import PRIOR, FreeParameters
 from denoc_ros.identification.model.information import (
     NOT_TOLD,
     combinations,
+    interval_ends,
     verdict_of,
 )
 from denoc_ros.identification.model.prediction import PreparedRun
@@ -340,14 +341,8 @@ def _concluded(
     sizes = parameters.sizes(theta)
     verdicts = [verdict_of(share) for share in half / sizes]
     verdicts = ['doubtful' if reasons and v == 'found' else v for v in verdicts]
-    low, high = values - half, values + half
     factors = parameters.multiplicative
-    with np.errstate(over='ignore'):
-        ratio = np.exp(np.where(values != 0.0, half / np.abs(values), np.inf))
-    low[factors], high[factors] = (
-        values[factors] / ratio[factors],
-        values[factors] * ratio[factors],
-    )
+    low, high = interval_ends(values, half, factors)
     known = np.array([verdict != NOT_TOLD for verdict in verdicts])
     told = {path for path, is_told in zip(parameters.paths, known, strict=True) if is_told}
     # a centre of mass is written whole: what is not told of it stays as it was

@@ -48,26 +48,13 @@ POSE_PARTS = ('x', 'y', 'z', 'rx', 'ry', 'rz')
 
 @dataclass(frozen=True)
 class FreeNumber:
-    """A number that may be free.
-
-    Attributes
-    ----------
-    path : str
-    value : float
-        As the robot has it.
-    scale : float
-        What it changes by per theta; of a positive one the least size that counts.
-    positive : bool
-        It is value times exp(theta).
-    run : str
-        The recording whose number it is; '': all of them share it.
-    """
+    """A number that may be free."""
 
     path: str
-    value: float
-    scale: float
-    positive: bool
-    run: str = ''
+    value: float  # as the robot has it
+    scale: float  # what it changes by per theta; of a positive one the least size that counts
+    positive: bool  # it is value times exp(theta)
+    run: str = ''  # the recording whose number it is; '': all of them share it
 
     @property
     def shared_path(self) -> str:
@@ -199,32 +186,19 @@ SENSOR_OFFSET = re.compile(r'sensor\..+\.offset(\.(gyro|accel)_[xyz])?')
 
 @dataclass(frozen=True)
 class SearchPoint:
-    """Values of all free numbers at a point of the search.
+    """Values of all free numbers at a point of the search."""
 
-    Attributes
-    ----------
-    overrides : dict of str to number or list
-        Of the robot, by dotted path.
-    bodies : dict of str to RigidInertia
-        By name, in the body frame.
-    gains : dict of str to float
-        Of measured effort, by joint: effort = gain * torque + offset.
-    offsets : dict of str to float
-        Of that [N m, N].
-    delays : dict of str to float
-        By channel [s]: how much later than the joints it is stamped.
-    channels : dict of str to float
-        Gains and offsets of sensors, axes of trackers, by dotted path.
-    by_run : dict of str to dict of str to float
-        Offsets of effort and sensors that each recording has of its own, by its name and path.
-    """
-
+    # of the robot, by dotted path
     overrides: dict[str, float | list[float]] = field(default_factory=dict)
-    bodies: dict[str, RigidInertia] = field(default_factory=dict)
+    bodies: dict[str, RigidInertia] = field(default_factory=dict)  # by name, in the body frame
+    # of measured effort, by joint: effort = gain * torque + offset
     gains: dict[str, float] = field(default_factory=dict)
-    offsets: dict[str, float] = field(default_factory=dict)
+    offsets: dict[str, float] = field(default_factory=dict)  # of that [N m, N]
+    # by channel [s]: how much later than the joints it is stamped
     delays: dict[str, float] = field(default_factory=dict)
+    # gains and offsets of sensors, axes of trackers, by dotted path
     channels: dict[str, float] = field(default_factory=dict)
+    # offsets of effort and sensors that each recording has of its own, by its name and path
     by_run: dict[str, dict[str, float]] = field(default_factory=dict)
 
     def of_run(self, run: str) -> SearchPoint:

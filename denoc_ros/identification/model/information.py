@@ -29,20 +29,11 @@ LISTED = 12  # combinations that are written down
 
 @dataclass(frozen=True)
 class Information:
-    """Information about p parameters, in units of their sizes.
+    """Information about p parameters, in units of their sizes."""
 
-    Attributes
-    ----------
-    half : (p,) array
-        Half the 95 % interval; infinite where not identifiable.
-    unseen : (p, u) array
-        Orthonormal directions that the data do not tell.
-    by_scores : (p, p) array
-        What derivatives of half the cost move the estimate by, along what is told.
-    """
-
-    half: Array
-    unseen: Array
+    half: Array  # (p,) half the 95 % interval; infinite where not identifiable
+    unseen: Array  # (p, u) orthonormal directions that the data do not tell
+    # (p, p) what derivatives of half the cost move the estimate by, along what is told
     by_scores: Array
 
     def widened(self, *scores: Array) -> Information:
@@ -147,6 +138,16 @@ def left_beside_noise(offsets: Mask) -> Array:
         Which parameters are offsets of sensors.
     """
     return np.asarray(np.where(offsets, EXACT_OFFSET, EXACT))
+
+
+def interval_ends(values: Array, half: Array, factors: Mask) -> tuple[Array, Array]:
+    """Return the ends (p,) of intervals of half a width; those of factors in logarithms."""
+    low, high = values - half, values + half
+    own, size = values[factors], np.abs(values[factors])
+    with np.errstate(over='ignore', divide='ignore', invalid='ignore'):
+        ratio = np.exp(np.where(size > 0.0, half[factors] / size, np.inf))
+    low[factors], high[factors] = own / ratio, own * ratio
+    return low, high
 
 
 def verdict_of(half: float) -> str:

@@ -138,24 +138,12 @@ def _transitions(t: Array, slopes: Array) -> tuple[Array, Array, Array]:
 
 @dataclass(frozen=True)
 class LinkedRows:
-    """How the residuals of a run hang on the amplitudes.
+    """How the residuals of a run hang on the amplitudes."""
 
-    Attributes
-    ----------
-    order : (l,) int array
-        The rows that are near a stamp, by stamps.
-    edges : (k + 1,) int array
-        Where in this order those nearest to each stamp begin, and end.
-    alone : (m - l,) int array
-        All others.
-    slopes : (m, 2f) array
-        Derivatives of the residuals by amplitudes and rates at that stamp.
-    """
-
-    order: Int
-    edges: Int
-    alone: Int
-    slopes: Array
+    order: Int  # (l,) int the rows that are near a stamp, by stamps
+    edges: Int  # (k + 1,) int where in this order those nearest to each stamp begin, and end
+    alone: Int  # (m - l,) int all others
+    slopes: Array  # (m, 2f) derivatives of the residuals by amplitudes and rates at that stamp
 
 
 def linked_rows(nearby: NearbyMotion, t: Array, row_t: Array, by_state: Array) -> LinkedRows:

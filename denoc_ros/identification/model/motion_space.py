@@ -11,8 +11,8 @@ from denoc_ros.control.joint_limits import JointLimits
 from denoc_ros.errors import ConfigError, SolverError
 from denoc_ros.identification.model.excited_channels import (
     WHERE,
-    Along,
     MotionRows,
+    PrescribedRobot,
     Response,
     RestSeries,
 )
@@ -27,21 +27,11 @@ UNITS = {'position': '', 'velocity': '/s', 'acceleration': '/s^2'}
 
 @dataclass(frozen=True)
 class Extreme:
-    """The largest magnitude of something that has a limit.
+    """The largest magnitude of something that has a limit."""
 
-    Attributes
-    ----------
-    what : str
-        position, velocity, acceleration, effort or deflection.
-    name : str
-        Of the joint or link.
-    value, limit : float
-        Positions count from the middle of their range.
-    unit : str
-    """
-
-    what: str
-    name: str
+    what: str  # position, velocity, acceleration, effort or deflection
+    name: str  # of the joint or link
+    # value, limit: positions count from the middle of their range
     value: float
     limit: float
     unit: str
@@ -60,7 +50,7 @@ class MotionSpace:
 
     Parameters
     ----------
-    along : Along
+    along : PrescribedRobot
         The robot as it is.
     series : RestSeries
     start : (driven,) array
@@ -74,7 +64,7 @@ class MotionSpace:
     """
 
     def __init__(
-        self, along: Along, series: RestSeries, start: Array, limits: MotionLimits
+        self, along: PrescribedRobot, series: RestSeries, start: Array, limits: MotionLimits
     ) -> None:
         self.along, self.series, self.start, self._limits = along, series, start, limits
         self.size = series.free * len(start)
@@ -190,13 +180,13 @@ class MotionSpace:
 
 
 def deflection_limits(
-    along: Along, lengths: Mapping[str, float], share: float, given: Mapping[str, float]
+    along: PrescribedRobot, lengths: Mapping[str, float], share: float, given: Mapping[str, float]
 ) -> Array:
     """Return the limits of the tips' deflections (links,) [m].
 
     Parameters
     ----------
-    along : Along
+    along : PrescribedRobot
     lengths : dict of str to float
         Of the flexible links [m].
     share : float

@@ -42,27 +42,16 @@ REACH = 4.0  # standard deviations at which a Gaussian's tail is cut
 
 @dataclass(frozen=True)
 class MeasuredMotion:
-    """Motion of the joints, and the noise of its measurement.
-
-    Attributes
-    ----------
-    motion : SmoothedMotion
-    position_noise, velocity_noise : (joints,) array
-        Standard deviations of what was measured [rad, m] and [rad/s, m/s].
-    cutoffs : (2, joints) array
-        Of the smoothing of positions and rates [Hz]; 0 where rates were not measured.
-    period : float
-        Usual time between samples [s].
-    smoothers : dict of float to LocalPolynomials
-        Of the stamps, by cutoff.
-    """
+    """Motion of the joints, and the noise of its measurement."""
 
     motion: SmoothedMotion
+    # (joints,) standard deviations of what was measured [rad, m] and [rad/s, m/s]
     position_noise: Array
     velocity_noise: Array
+    # (2, joints) of the smoothing of positions and rates [Hz]; 0 where rates were not measured
     cutoffs: Array
-    period: float
-    smoothers: Mapping[float, LocalPolynomials]
+    period: float  # usual time between samples [s]
+    smoothers: Mapping[float, LocalPolynomials]  # of the stamps, by cutoff
 
     def disturbed(self, draw: np.random.Generator, times: float = 1.0) -> SmoothedMotion:
         """Return the motion with noise of this size once more on top.

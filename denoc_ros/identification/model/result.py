@@ -36,36 +36,17 @@ WORDS = {'found': GOOD, 'doubtful': DOUBTFUL, 'not identifiable': NOT_IDENTIFIAB
 
 @dataclass(frozen=True)
 class ModelOptions:
-    """Numbers of a robot to identify, and the recordings.
+    """Numbers of a robot to identify, and the recordings."""
 
-    Attributes
-    ----------
-    robot : str
-        Name of the robot's file.
-    file : Path
-        Where that file is.
-    gravity : (float, float, float)
-        In the base frame [m/s^2].
-    overrides : mapping
-        Numbers of the model where the search starts, in place of the file's.
-    recording : RecordingSettings
-        How recordings are read.
-    free : sequence of str
-        Paths of what is free, as `identify_model` takes them.
-    cutoff : float
-        Above it effort is not compared [Hz].
-    held_out : float
-        Last part of each run that a first fit does not see.
-    """
-
-    robot: str
-    file: Path
-    gravity: tuple[float, float, float]
+    robot: str  # name of the robot's file
+    file: Path  # where that file is
+    gravity: tuple[float, float, float]  # in the base frame [m/s^2]
+    # numbers of the model where the search starts, in place of the file's
     overrides: Mapping[str, Any]
-    recording: RecordingSettings
-    free: Sequence[str]
-    cutoff: float
-    held_out: float
+    recording: RecordingSettings  # how recordings are read
+    free: Sequence[str]  # paths of what is free, as `identify_model` takes them
+    cutoff: float  # above it effort is not compared [Hz]
+    held_out: float  # last part of each run that a first fit does not see
 
     def start(self) -> Robot:
         """Return the robot where the search starts."""

@@ -24,26 +24,14 @@ Thinned = Callable[[Array], tuple[scipy.sparse.csr_array, NDArray[np.int64]]]
 
 @dataclass(frozen=True)
 class MeasuredSignal:
-    """One measured signal.
+    """One measured signal."""
 
-    Attributes
-    ----------
-    name : str
-        `effort <joint>`, `<sensor>`, `<imu>/gyro_x`, `pose <frame>/x`.
-    unit : str
-    t : (m,) array
-        Stamps [s].
-    value : (m,) array
-        As measured; effort, rates and accelerations through the low-pass.
-    size : float
-        What residuals are compared with: the deviation of the values, or of what is balanced in
-        a joint without effort.
-    """
-
-    name: str
+    name: str  # `effort <joint>`, `<sensor>`, `<imu>/gyro_x`, `pose <frame>/x`
     unit: str
-    t: Array
-    value: Array
+    t: Array  # (m,) stamps [s]
+    value: Array  # (m,) as measured; effort, rates and accelerations through the low-pass
+    # what residuals are compared with: the deviation of the values, or of what is balanced in a
+    # joint without effort
     size: float
 
 

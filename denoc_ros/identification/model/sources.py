@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 from scipy.signal import cont2discrete, lfilter, lfilter_zi
 
-from denoc_ros.bags.joint_table import TableTimes, joints_of_table, require_rows
-from denoc_ros.bags.reader import Stamp, bag_topics
+from denoc_ros.bags.joint_table import RecordedWindow, joints_of_table, require_rows
+from denoc_ros.bags.reader import bag_topics
 from denoc_ros.bags.series import (
     INERTIAL_NUMBERS,
     POSE_NUMBERS,
@@ -124,41 +124,19 @@ def _shapes(count: int) -> list[tuple[int, ...]]:
 
 
 @dataclass(frozen=True)
-class RecordingSettings:
-    """How recordings are read.
+class RecordingSettings(RecordedWindow):
+    """How recordings are read."""
 
-    Attributes
-    ----------
-    topic : str
-        Joint states of a bag.
-    stamp : {'header', 'log'}
-        What counts as the time of a message.
-    rename : mapping of str to str
-        Beginnings of joint names in a bag and what they are in the robot.
-    columns : mapping of str to str
-        Of a table: `joint.field` or `sensor.name` to a column, whatever its name.
-    times : TableTimes
-        Of a table: how times are read.
-    begin, end : float
-        The window [s], from the first joint state on.
-    filters : mapping of str to SensorFilter
-        By the sensor's name: what its readings have passed.
-    poses : mapping of str to str
-        Topics of poses that a tracker measured, of a bag, and the frames of the robot that have
-        them.
-    torque_constants : mapping of str to float
-        By joint [N m/A, N/A]: what was recorded as its effort is a current [A].
-    """
-
-    topic: str = '/joint_states'
-    stamp: Stamp = 'header'
+    topic: str = '/joint_states'  # of the joint states, from the first of which the window counts
+    # beginnings of joint names in a bag and what they are in the robot
     rename: Mapping[str, str] = field(default_factory=dict)
+    # of a table: `joint.field` or `sensor.name` to a column, whatever its name
     columns: Mapping[str, str] = field(default_factory=dict)
-    times: TableTimes = field(default_factory=TableTimes)
-    begin: float = 0.0
-    end: float = math.inf
+    # by the sensor's name: what its readings have passed
     filters: Mapping[str, SensorFilter] = field(default_factory=dict)
+    # topics of poses that a tracker measured, of a bag, and the frames of the robot that have them
     poses: Mapping[str, str] = field(default_factory=dict)
+    # by joint [N m/A, N/A]: what was recorded as its effort is a current [A]
     torque_constants: Mapping[str, float] = field(default_factory=dict)
 
 
@@ -233,7 +211,7 @@ def _of_table(path: Path, robot: Robot, settings: RecordingSettings) -> Recordin
     given = read_table(path)
     columns = _sensor_columns(path, given, robot, settings.columns)
     named = {k: c for k, c in settings.columns.items() if not k.startswith(SENSOR)}
-    series = joints_of_table(path, given, robot.joint_names, named, settings.times)
+    series = joints_of_table(path, given, robot.joint_names, named, settings)
     require_rows(path, given, columns.values(), series.t)
     rows = np.flatnonzero(np.isfinite(series.t))
     rows = rows[series[rows].rises()]
@@ -350,21 +328,14 @@ def _window(whole: Recording, begin: float, end: float) -> Recording:
 class SensorFilter:
     """A low-pass of second order: y'' + 2 damping omega y' + omega^2 y = omega^2 u.
 
-    Parameters
-    ----------
-    omega : float
-        [rad/s]
-    damping : float
-        Share of critical.
-
     Raises
     ------
     IdentificationError
         One of them is not > 0.
     """
 
-    omega: float
-    damping: float
+    omega: float  # [rad/s]
+    damping: float  # share of critical
 
     def __post_init__(self) -> None:
         for name, value in (('omega', self.omega), ('damping', self.damping)):

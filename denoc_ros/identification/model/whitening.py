@@ -103,13 +103,6 @@ class Whitening:
 class JointNoise:
     """Mean effect of additional joint noise on the scores and information of p parameters.
 
-    Attributes
-    ----------
-    pulls : (pairs, p) array
-        What each pair of draws adds to the scores, the derivatives of half the cost.
-    lost : (p, p) array
-        What they add to J^T J: of the information, what is noise's.
-
     Notes
     -----
     A search ends where scores s(theta) = A (theta - truth) + pull(theta) vanish, with A = J^T J -
@@ -117,8 +110,9 @@ class JointNoise:
     the information, 1 / (1 - v) times what J^T J says.
     """
 
+    # (pairs, p) what each pair of draws adds to the scores, the derivatives of half the cost
     pulls: Array
-    lost: Array
+    lost: Array  # (p, p) what they add to J^T J: of the information, what is noise's
 
     @property
     def pull(self) -> Array:

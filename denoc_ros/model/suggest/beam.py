@@ -118,6 +118,9 @@ def suggested_beam(
         return 'its mass is not spread along the line from joint to joint'
     outer = outline(element, line.frame, line.length, wish.folder)
     stiff = stiffness(body, line, most, outer, wish.material)
+    if stiff.stations:
+        most = largest_mass_per_length(body, line.length, 0.0, stiff.mass_along)
+        stiff = stiffness(body, line, most, outer, wish.material)
     if outer is None and (lost := lost_mesh(element, wish.folder)):
         stiff = replace(stiff, why=f'{stiff.why}; its mesh {lost} is not available')
     tip = _tip_load(load, line)
@@ -191,7 +194,9 @@ def _shares(
     slow = turning > 0.0 and math.sqrt(stiff.gj / (line.length * turning)) <= (
         2.0 * math.pi * FAR * bandwidth
     )
-    left = largest_mass_per_length(body, line.length, polar) if slow and polar > 0.0 else 0.0
+    left = 0.0
+    if slow and polar > 0.0:
+        left = largest_mass_per_length(body, line.length, polar, stiff.mass_along)
     if left >= 0.9 * most:
         return left, polar, (y, z, 1)
     return most, polar, (y, z, 0)

@@ -25,27 +25,15 @@ ROTOR_ACCELERATION = 100.0
 
 @dataclass(frozen=True)
 class GearFamily:
-    """Gears of one kind by size.
-
-    Attributes
-    ----------
-    name, description : str
-    torque : tuple of float
-        Repeated peak torque at the output [N m], rising.
-    stiffness : tuple of float
-        Torsional stiffness at the output [N m/rad], of the middle of the load range.
-    source : str
-        Where the numbers come from.
-    spread : float
-        Factor by which single gears differ from them, either way.
-    """
+    """Gears of one kind by size."""
 
     name: str
     description: str
-    torque: tuple[float, ...]
+    torque: tuple[float, ...]  # repeated peak torque at the output [N m], rising
+    # torsional stiffness at the output [N m/rad], of the middle of the load range
     stiffness: tuple[float, ...]
-    source: str
-    spread: float
+    source: str  # where the numbers come from
+    spread: float  # factor by which single gears differ from them, either way
 
     def of_torque(self, torque: float) -> float:
         """Return the stiffness [N m/rad] of a gear for a peak torque [N m].

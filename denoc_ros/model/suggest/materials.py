@@ -12,30 +12,16 @@ JOINTED = 'Adams & Askenazi, Building Better Products with Finite Element Analys
 
 @dataclass(frozen=True)
 class Material:
-    """A material by name.
+    """A material by name."""
 
-    Attributes
-    ----------
-    name : str
-        As on the command line.
-    grade : str
-        What the numbers are those of.
-    e, g : float
-        Young's and shear modulus [Pa]; a laminate's in its plane.
-    density : float
-        [kg/m^3].
-    source : str
-        Where the numbers come from.
-    bare_damping : float or None
-        Damping ratio of a bare piece, which no link falls below; None: not known.
-    """
-
-    name: str
-    grade: str
+    name: str  # as on the command line
+    grade: str  # what the numbers are those of
+    # Young's and shear modulus [Pa]; a laminate's in its plane
     e: float
     g: float
-    density: float
-    source: str
+    density: float  # [kg/m^3]
+    source: str  # where the numbers come from
+    # damping ratio of a bare piece, which no link falls below; None: not known
     bare_damping: float | None = None
 
     @property

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,16 +19,33 @@ ALIGNED = 0.98  # cosine: within 11 degrees of an axis is along it
 COVERED = 0.5  # of the beam: a shorter shape is a motor or a flange, not the link
 STATIONS = (0.35, 0.45, 0.55, 0.65)  # of the beam: where a mesh is cut, clear of its joints
 ROUND = 0.2  # of the larger side: what a round mesh's sides may differ by
+TAPER = (0.1, 0.3, 0.5, 0.7, 0.9)  # of the beam: where a taper is measured
+BESIDE = 0.03  # of the beam: cuts on both sides of these, so that no rib is taken for it
+TAPERED = 0.1  # of a side, between its largest and smallest: less is a prism
+EVEN = 0.03  # of a side: by which a taper may widen on its way
+ENDS = 0.5  # of the nearest side: what a taper keeps beyond the last cut
 
 
 @dataclass(frozen=True)
 class Outline:
-    """Outer sides of a cross-section along the beam's y and z [m], and where they come from."""
+    """Outer size across a beam.
+
+    Attributes
+    ----------
+    y, z : float
+        Sides along the beam's y and z, of its middle [m].
+    circular : bool
+    origin : str
+        cylinder | box | mesh.
+    taper : tuple of (share, y, z)
+        Sides at shares of the length, from 0 to 1; empty for a prism.
+    """
 
     y: float
     z: float
     circular: bool
-    origin: str  # cylinder | box | mesh
+    origin: str
+    taper: tuple[tuple[float, float, float], ...] = ()
 
 
 def outline(link: Element, frame: Array, length: float, folder: Path) -> Outline | None:
@@ -134,16 +151,40 @@ def _read_mesh(filename: str, folder: Path) -> Any:
 
 
 def _cut(mesh: Any, length: float) -> Outline | None:
-    """Return the median outer size of cuts across the beam's middle."""
+    """Return the median outer size of cuts across the beam's middle, and its taper."""
+    middle = _sides(mesh, length, STATIONS)
+    if len(middle) < 0.5 * len(STATIONS):
+        return None
+    y, z = (float(side) for side in np.median(middle, axis=0))
+    return Outline(y, z, abs(y - z) <= ROUND * max(y, z), 'mesh', _taper(mesh, length))
+
+
+def _sides(mesh: Any, length: float, shares: Iterable[float]) -> Array:
+    """Return the outer sides (k, 2) of the cuts that meet a mesh."""
     from trimesh import intersections
 
     sides = []
-    for station in STATIONS:
+    for share in shares:
         cut: Any = intersections.mesh_plane
-        lines = cut(mesh, (1.0, 0.0, 0.0), (station * length, 0.0, 0.0))
+        lines = cut(mesh, (1.0, 0.0, 0.0), (share * length, 0.0, 0.0))
         if len(lines):
             sides.append(np.ptp(np.asarray(lines).reshape(-1, 3), axis=0)[1:])
-    if len(sides) < 0.5 * len(STATIONS):
-        return None
-    y, z = (float(side) for side in np.median(sides, axis=0))
-    return Outline(y, z, abs(y - z) <= ROUND * max(y, z), 'mesh')
+    return np.reshape(sides, (-1, 2))
+
+
+def _taper(mesh: Any, length: float) -> tuple[tuple[float, float, float], ...]:
+    """Return the sides along a mesh that narrows, or widens, all along; () for another."""
+    cuts = [_sides(mesh, length, (x - BESIDE, x, x + BESIDE)) for x in TAPER]
+    if any(len(cut) < 2 for cut in cuts):
+        return ()
+    sides = np.array([np.median(cut, axis=0) for cut in cuts])
+    largest, smallest = sides.max(axis=0), sides.min(axis=0)
+    steps = np.diff(sides, axis=0)
+    even = ((steps <= EVEN * largest).all(axis=0) | (steps >= -EVEN * largest).all(axis=0)).all()
+    if not even or (smallest >= (1.0 - TAPERED) * largest).all():
+        return ()
+    near, far = TAPER[0] / (TAPER[1] - TAPER[0]), (1.0 - TAPER[-1]) / (TAPER[-1] - TAPER[-2])
+    first = np.maximum(sides[0] - near * steps[0], ENDS * sides[0])
+    last = np.maximum(sides[-1] + far * steps[-1], ENDS * sides[-1])
+    rows = zip((0.0, *TAPER, 1.0), np.vstack([first, sides, last]).tolist(), strict=True)
+    return tuple((share, y, z) for share, (y, z) in rows)

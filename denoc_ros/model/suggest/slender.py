@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import brentq
 
+from denoc_ros.model.along import CONSTANT, Along, mean_and_along, sample_shares
 from denoc_ros.model.beam_sections import (
     CrossSection,
     rectangle_section,
@@ -29,6 +32,7 @@ THICK = 0.4  # area over the full section's: a tube's wall of 0.11 of its diamet
 LEAST = 0.95  # of the least polar moment that an area can have: below it, no rounding
 FLAT = 1e-4  # of one second moment to the other: a strip a hundred times as wide as thick
 NO_SECTION = 'no section has this inertia about the axis'
+FINE = 401  # points of an integral along a taper
 WHOLE = 0.9  # of the link's mass in the beam: the link is a beam and little else
 
 
@@ -94,36 +98,41 @@ def _turned(x: Array, across: Iterable[Array]) -> Array:
 
 
 @dataclass(frozen=True)
-class Stiffness:
-    """Stiffness of a link's beam.
+class SectionNumbers:
+    """Numbers of a beam at a share of its length: [N m^2], [kg/m], [kg m^2/m]."""
 
-    Attributes
-    ----------
-    ei_y, ei_z, gj : float
-        [N m^2].
-    ei_range : tuple of float
-        Least and largest of EI that the file allows to think of [N m^2].
-    polar_inertia : float
-        Per length [kg m^2/m].
-    width : float
-        Largest outer side [m].
-    section : str
-        The cross-section in words.
-    confidence : str
-        high | medium | low.
-    why : str
-        What the confidence rests on.
-    """
-
+    share: float
     ei_y: float
     ei_z: float
     gj: float
-    ei_range: tuple[float, float]
+    mass_per_length: float
     polar_inertia: float
-    width: float
-    section: str
-    confidence: str
-    why: str
+
+
+@dataclass(frozen=True)
+class Stiffness:
+    """Stiffness of a link's beam."""
+
+    # of a taper: of the uniform beam that bends and twists as much under a load at the tip [N m^2]
+    ei_y: float
+    ei_z: float
+    gj: float
+    # least and largest of EI that the file allows to think of [N m^2]
+    ei_range: tuple[float, float]
+    polar_inertia: float  # per length [kg m^2/m]
+    width: float  # largest outer side [m]
+    section: str  # the cross-section in words
+    confidence: str  # high | medium | low
+    why: str  # what the confidence rests on
+    stations: tuple[SectionNumbers, ...] = ()  # of a taper; empty for a prism
+
+    @property
+    def mass_along(self) -> Along:
+        """Shares of the mean mass per length along the beam."""
+        breaks = np.array([station.share for station in self.stations])
+        mass = [station.mass_per_length for station in self.stations]
+        between = [a + (b - a) * sample_shares() for a, b in itertools.pairwise(mass)]
+        return mean_and_along(breaks, between)[1] if between else CONSTANT
 
 
 def stiffness(
@@ -168,24 +177,83 @@ def stiffness(
     softest = material.e * full.moment_y
     if outer is None:
         return _by_inertia(area, share, second, softest, material)
+    stations = _stations(outer, area, material)
     section, words, fullness = _hollow(outer, area)
     ei = material.e * np.array([section.moment_y, section.moment_z])
+    if stations:
+        words = f'{words} in the middle, tapered'
+        mean = np.trapezoid([(s.ei_y, s.ei_z) for s in stations], _shares(stations), axis=0)
+        ei = np.asarray(mean)
     if not _possible(second * share, area):
         by_inertia = np.full(2, softest)
         confidence, why = 'low', f'{NO_SECTION}: only the outer size is used'
     else:
         apart = float(np.max(np.maximum(ei, by_inertia) / np.minimum(ei, by_inertia)))
         confidence, why = _trust(outer, apart, share, fullness)
+    gj, polar = material.g * section.torsion_constant, material.density * section.polar_moment
+    if stations:
+        ei = np.array([_as_uniform(stations, name, 2) for name in ('ei_y', 'ei_z')])
+        gj = _as_uniform(stations, 'gj', 0)
+        polar = float(np.trapezoid([s.polar_inertia for s in stations], _shares(stations)))
     return Stiffness(
         float(ei[0]),
         float(ei[1]),
-        material.g * section.torsion_constant,
+        gj,
         (float(min(ei.min(), by_inertia.min())), float(max(ei.max(), by_inertia.max()))),
-        material.density * section.polar_moment,
+        polar,
         max(outer.y, outer.z),
         f'{words} ({outer.origin})',
         confidence,
         why,
+        stations,
+    )
+
+
+def _shares(stations: Sequence[SectionNumbers]) -> list[float]:
+    return [station.share for station in stations]
+
+
+def _as_uniform(stations: Sequence[SectionNumbers], name: str, power: int) -> float:
+    """Return the number of a uniform beam with the same compliance of its tip.
+
+    A force at the tip bends by int (1 - x)^2 / EI dx, a torque twists by int 1 / GJ dx.
+    """
+    x = np.linspace(0.0, 1.0, FINE)
+    along = np.interp(x, _shares(stations), [getattr(s, name) for s in stations])
+    weight = (1.0 - x) ** power
+    return float(np.trapezoid(weight, x) / np.trapezoid(weight / along, x))
+
+
+def _stations(outer: Outline, area: float, material: Material) -> tuple[SectionNumbers, ...]:
+    """Return the numbers along a taper whose wall is the same all along, of a mean area."""
+    if not outer.taper:
+        return ()
+
+    def sections(wall: float) -> list[CrossSection]:
+        if outer.circular:
+            sides = [0.5 * (y + z) for _, y, z in outer.taper]
+            return [tube_section(side, min(wall, 0.5 * side)) for side in sides]
+        return [rectangle_tube_section(y, z, wall) for _, y, z in outer.taper]
+
+    shares = [share for share, _, _ in outer.taper]
+
+    def excess(wall: float) -> float:
+        return float(np.trapezoid([s.area for s in sections(wall)], shares)) - area
+
+    thickest = 0.5 * max(max(y, z) for _, y, z in outer.taper)
+    if excess(thickest) <= 0.0:  # more mass than a full taper has
+        return ()
+    wall = float(brentq(excess, 0.0, thickest))
+    return tuple(
+        SectionNumbers(
+            share,
+            material.e * section.moment_y,
+            material.e * section.moment_z,
+            material.g * section.torsion_constant,
+            material.density * section.area,
+            material.density * section.polar_moment,
+        )
+        for share, section in zip(shares, sections(wall), strict=True)
     )
 
 

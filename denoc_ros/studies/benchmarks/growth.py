@@ -16,6 +16,7 @@ from denoc_ros.studies.benchmarks.results import (
     BenchCheck,
     BenchLine,
     Reach,
+    compared,
 )
 from denoc_ros.studies.benchmarks.rigid import (
     TOLERANCE,
@@ -245,11 +246,4 @@ def dynamics_lines(
     for verb, first, second in zip(VERBS, *subjects, strict=True):
         worst = max(first[1], second[1], key=lambda each: each.error / each.tolerance)
         line = BenchLine(group, f'{verb}, {names[0]}', names[1], worst)
-        if not worst.good:
-            yield line
-            continue
-        ours, theirs = compare((first[0], second[0]), effort)
-        yield BenchLine(
-            line.group, line.what, line.against, worst, value=ratio(ours, theirs),
-            reach=Reach(AT_MOST, reach), ours=ours, peer=theirs,
-        )  # fmt: skip
+        yield compared(line, (first[0], second[0]), effort, reach)

@@ -82,24 +82,13 @@ CASES = (
 
 @dataclass(frozen=True)
 class Budget:
-    """Where the time of a call goes [s]; None where nothing was timed.
+    """Where the time of a call goes [s]; None where nothing was timed."""
 
-    Attributes
-    ----------
-    call : float
-        The public call.
-    kernel : float
-        The call less that on a robot that has no coordinates: without what Python costs.
-    ideal : float
-        All multiplications and additions on the ideal machine.
-    functions : float
-        Divisions, roots, sines and cosines at the rates measured.
-    """
-
-    call: float
+    call: float  # the public call
+    # the call less that on a robot that has no coordinates: without what Python costs
     kernel: float
-    ideal: float
-    functions: float
+    ideal: float  # all multiplications and additions on the ideal machine
+    functions: float  # divisions, roots, sines and cosines at the rates measured
 
     @property
     def parts(self) -> dict[str, float]:

@@ -379,16 +379,9 @@ def turned(turns: int, a: float, b: float) -> float:
 
 @dataclass(frozen=True)
 class Machine:
-    """Times per operation of one core, nothing waiting for anything [s].
+    """Times per operation of one core, nothing waiting for anything [s]."""
 
-    Attributes
-    ----------
-    fused : float
-        A scalar multiplication with its addition.
-    division, root, trigonometric : float
-    """
-
-    fused: float
+    fused: float  # a scalar multiplication with its addition
     division: float
     root: float
     trigonometric: float

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from denoc_ros.studies.benchmarks.timing import Spread, Times
+from denoc_ros.studies.benchmarks.timing import Effort, Spread, Subject, Times, compare, ratio
 
 AT_MOST = '<='
 AT_LEAST = '>='
@@ -29,19 +30,10 @@ class Reach:
 
 @dataclass(frozen=True)
 class BenchCheck:
-    """The comparison that a line's results had to pass before they were timed.
+    """The comparison that a line's results had to pass before they were timed."""
 
-    Attributes
-    ----------
-    against : str
-        Whose results.
-    error : float
-        Largest difference over largest magnitude.
-    tolerance : float
-    """
-
-    against: str
-    error: float
+    against: str  # whose results
+    error: float  # largest difference over largest magnitude
     tolerance: float
 
     @property
@@ -52,28 +44,15 @@ class BenchCheck:
 
 @dataclass(frozen=True)
 class BenchLine:
-    """One line of the table.
+    """One line of the table."""
 
-    Attributes
-    ----------
-    group, what, against : str
-        The part of the benchmark, what was timed, and beside what.
-    check : BenchCheck
-    unit : str
-        Of the value: 'ratio', 'slope', 's', …
-    value : Spread, optional
-        None where the results were wrong, or are only checked.
-    reach : Reach, optional
-    ours, peer : Times, optional
-    note : str
-    """
-
+    # group, what, against: the part of the benchmark, what was timed, and beside what
     group: str
     what: str
     against: str
     check: BenchCheck
-    unit: str = 'ratio'
-    value: Spread | None = None
+    unit: str = 'ratio'  # of the value: 'ratio', 'slope', 's', …
+    value: Spread | None = None  # None where the results were wrong, or are only checked
     reach: Reach | None = None
     ours: Times | None = None
     peer: Times | None = None
@@ -104,6 +83,27 @@ class BenchLine:
         for name, times in (('ours', self.ours), ('peer', self.peer)):
             found[name] = times and {'median_s': times.median, 'p99_s': times.p99}
         return found
+
+
+def compared(
+    line: BenchLine, subjects: Sequence[Subject], effort: Effort, most: float | None = None
+) -> BenchLine:
+    """Return a line with the ratio of our time to the peer's, if its results are good.
+
+    Parameters
+    ----------
+    line : BenchLine
+        Without values.
+    subjects : (ours, peer)
+    effort : Effort
+    most : float, optional
+        Largest ratio that is good.
+    """
+    if not line.check.good:
+        return line
+    ours, peer = compare(subjects, effort)
+    reach = None if most is None else Reach(AT_MOST, most)
+    return replace(line, value=ratio(ours, peer), reach=reach, ours=ours, peer=peer)
 
 
 def _finite(values: dict[str, float]) -> dict[str, float | None]:

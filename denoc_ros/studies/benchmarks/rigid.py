@@ -1,21 +1,27 @@
-"""Rigid chains and the SSRMS beside Pinocchio."""
+"""Rigid chains, the SSRMS and mechanisms beside Pinocchio, or their own open tree."""
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import scipy.linalg
 from numpy.typing import ArrayLike
 
+from denoc_ros.dynamics.batch import cores
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.studies.benchmarks.peers import Dense, Pinocchio, rigid_chain
 from denoc_ros.studies.benchmarks.results import (
+    AT_LEAST,
     AT_MOST,
     BenchCheck,
     BenchLine,
     Reach,
+    compared,
     relative_error,
 )
 from denoc_ros.studies.benchmarks.timing import Effort, Subject, compare, ratio
@@ -189,3 +195,156 @@ def _pair(
     subjects = (ours, Subject(verb, unchecked(states)), theirs)
     what = f'{verb.__name__}, rigid n = {n}'
     yield from beside(group, what, against, subjects, checked, reach, effort)
+
+
+# mechanisms with loops ---------------------------------------------------------------------------
+
+FLEXIBLE = 'five_bar_ffff'
+RIGID = ('four_bar_rrr', 'five_bar_rrrr')
+REACH_TREE = 3.0
+REDUNDANT = 1e-8  # of the greatest singular value: rows that say nothing new
+LOOP_TOLERANCE = 1e-9  # two solutions of a mechanism that is far from singular
+
+
+def loop_lines(robots: Path, effort: Effort) -> Iterator[BenchLine]:
+    """Yield constrained forward dynamics of the book's mechanisms.
+
+    Parameters
+    ----------
+    robots : Path
+        The folder of their descriptions.
+    effort : Effort
+    """
+    yield _beside_tree(load_robot(robots / f'{FLEXIBLE}.urdf'), effort)
+    for name in RIGID:
+        yield _beside_pinocchio((robots / f'{name}.urdf').read_text(), effort)
+
+
+def closed_states(robot: Robot) -> list[State]:
+    """Return closed states (q, qd, tau) with small amplitudes."""
+    states: list[State] = []
+    for q, qd, qdd in random_states(robot, count=20 * STATES):
+        q = robot.assemble(0.3 * q) if len(states) < STATES else q
+        if len(states) < STATES and well_posed(robot, q):
+            qd = robot.assemble_rates(q, qd)
+            states.append((q, qd, robot.inverse_dynamics(q, qd, qdd)))
+    return states
+
+
+def well_posed(robot: Robot, q: Array) -> bool:
+    """Say whether a configuration is far from singular ones."""
+    values = np.linalg.svd(robot.closure_jacobian(q), compute_uv=False)
+    kept = values[values > REDUNDANT * values.max()]
+    return bool(kept.min() > 0.05 * kept.max())
+
+
+def dense_solution(robot: Robot, q: Array, qd: Array, tau: Array) -> Array:
+    """Return accelerations by the inertia matrix and a null space of the rows."""
+    rows, bias = robot.closure_jacobian(q), robot.closure_bias(q, qd)
+    inertia, force = robot.inertia_matrix(q), tau - robot.bias_forces(q, qd)
+    start = np.linalg.lstsq(rows, -bias, rcond=REDUNDANT)[0]
+    free = scipy.linalg.null_space(rows, rcond=REDUNDANT)
+    inside = np.linalg.solve(free.T @ inertia @ free, free.T @ (force - inertia @ start))
+    return np.asarray(start + free @ inside)
+
+
+def _accelerations(robot: Robot, states: Sequence[State]) -> list[Array]:
+    return [robot.constrained_forward_dynamics(q, qd, tau)[0] for q, qd, tau in states]
+
+
+def _beside_tree(robot: Robot, effort: Effort) -> BenchLine:
+    """Return the constrained forward dynamics of a mechanism beside that of its open tree."""
+    states = closed_states(robot)
+    expected = [dense_solution(robot, *state) for state in states]
+    checked = check(_accelerations(robot, states), expected, 'dense null space', LOOP_TOLERANCE)
+    subjects = [
+        Subject(robot.constrained_forward_dynamics, states),
+        Subject(robot.forward_dynamics, states),
+    ]
+    what = f'constrained_forward_dynamics, {robot.tree.name} FFFF, {robot.n} coordinates'
+    line = BenchLine('loops', what, 'forward_dynamics of its open tree', checked)
+    return compared(line, subjects, effort, REACH_TREE)
+
+
+def _beside_pinocchio(text: str, effort: Effort) -> BenchLine:
+    """Return the constrained forward dynamics of a rigid mechanism beside Pinocchio's."""
+    robot, peer = load_robot(text), Pinocchio(text)
+    states = closed_states(robot)
+    theirs = peer.constrained_dynamics(states, robot)
+    checked = check(
+        _accelerations(robot, states),
+        [np.array(theirs.call(*arguments)) for arguments in theirs.states],
+        'pin.constraintDynamics', LOOP_TOLERANCE,
+    )  # fmt: skip
+    subjects = [Subject(robot.constrained_forward_dynamics, states), theirs]
+    what = f'constrained_forward_dynamics, {robot.tree.name}, rigid n = {robot.n}'
+    line = BenchLine('loops', what, 'pin.constraintDynamics', checked)
+    return compared(line, subjects, effort)
+
+
+# many states in one call -------------------------------------------------------------------------
+
+JOINTS = 7
+ROWS = 100_000
+FEWER_ROWS = 2_000
+REACH_ONE_THREAD = 0.5
+REACH_TWO_THREADS = 1.7
+
+
+@contextmanager
+def on_cores(count: int) -> Iterator[None]:
+    """Let this thread run on so many processors only: batches take as many threads."""
+    before = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, sorted(before)[:count])
+    try:
+        yield
+    finally:
+        os.sched_setaffinity(0, before)
+
+
+def batch_lines(effort: Effort, quick: bool) -> Iterator[BenchLine]:
+    """Yield inverse dynamics of many states of seven joints, on one thread and on two."""
+    text = rigid_chain(JOINTS)
+    robot, peer = load_robot(text), Pinocchio(text)
+    rows = FEWER_ROWS if quick else ROWS
+    q, qd, qdd = np.random.default_rng(1).uniform(-2.0, 2.0, (3, rows, JOINTS))
+    rnea, model, data = peer.pin.rnea, peer.model, peer.data
+    given = (q, qd, qdd)
+
+    def loop() -> Any:
+        return [rnea(model, data, *state) for state in zip(*given, strict=True)]
+
+    def threads(count: int) -> Callable[[], Any]:
+        def run() -> Any:
+            with on_cores(count):
+                return robot.inverse_dynamics(q, qd, qdd)
+
+        return run
+
+    expected = np.array(loop())
+    whose = 'pin.rnea, row by row'
+    one = BenchCheck(whose, relative_error(threads(1)(), expected), TOLERANCE)
+    what, against = f'inverse_dynamics, batch ({rows}, {JOINTS}), per state', 'loop over pin.rnea'
+    if one.good:
+        ours, theirs = compare((Subject(threads(1), [()]), Subject(loop, [()])), effort)
+        yield BenchLine(
+            'batch', f'{what}, one thread', against, one, value=ratio(ours, theirs),
+            reach=Reach(AT_MOST, REACH_ONE_THREAD),
+            ours=ours.scaled(1 / rows), peer=theirs.scaled(1 / rows),
+        )  # fmt: skip
+    else:
+        yield BenchLine('batch', what, against, one)
+    if cores() < 2:
+        return
+    two = BenchCheck(whose, relative_error(threads(2)(), expected), TOLERANCE)
+    what = f'{what}, one thread over two'
+    if not two.good:
+        yield BenchLine('batch', what, 'one thread', two)
+        return
+    pair, single = compare((Subject(threads(2), [()]), Subject(threads(1), [()])), effort)
+    yield BenchLine(
+        'batch', what, 'one thread', two, value=ratio(single, pair),
+        reach=Reach(AT_LEAST, REACH_TWO_THREADS),
+        ours=pair.scaled(1 / rows), peer=single.scaled(1 / rows),
+        note='holds only where two processors are free',
+    )  # fmt: skip

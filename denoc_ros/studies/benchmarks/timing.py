@@ -18,18 +18,10 @@ Call = Callable[..., Any]
 
 @dataclass(frozen=True)
 class Effort:
-    """How long to measure.
+    """How long to measure."""
 
-    Attributes
-    ----------
-    blocks : int
-        How often the subjects take turns.
-    seconds : float
-        Length of one subject's block; at least every state is called once.
-    """
-
-    blocks: int
-    seconds: float
+    blocks: int  # how often the subjects take turns
+    seconds: float  # length of one subject's block; at least every state is called once
 
 
 FULL = Effort(25, 0.02)
@@ -46,19 +38,12 @@ class Subject:
 
 @dataclass(frozen=True)
 class Times:
-    """Times of one subject's calls [s].
+    """Times of one subject's calls [s]."""
 
-    Attributes
-    ----------
-    median, p99 : float
-        Over all calls of all blocks.
-    blocks : (blocks,)
-        Medians of the blocks.
-    """
-
+    # over all calls of all blocks
     median: float
     p99: float
-    blocks: Array
+    blocks: Array  # (blocks,) medians of the blocks
 
     def scaled(self, factor: float) -> Times:
         """Return the times per part of a call."""

@@ -15,7 +15,11 @@ from denoc_ros.dynamics.deflection import TipDeflections
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.stepper import Stepper
 from denoc_ros.identification.model.excitation import Excitation
-from denoc_ros.identification.model.excited_channels import Along, ExcitedChannels, RestSeries
+from denoc_ros.identification.model.excited_channels import (
+    ExcitedChannels,
+    PrescribedRobot,
+    RestSeries,
+)
 from denoc_ros.identification.model.fit import IdentifiedModel
 from denoc_ros.identification.model.free_parameters import FreeParameters
 from denoc_ros.trajectories import CycloidalTrajectory
@@ -198,7 +202,7 @@ def test_interval_of_a_pendulum_is_the_closed_form() -> None:
 def test_slopes_of_gains_offsets_and_delays(arm: Robot) -> None:
     joint = 'joint_2'
     paths = [f'effort.{joint}.gain', f'effort.{joint}.offset', 'delay.effort']
-    along, parameters = Along(arm), FreeParameters(arm, paths, {joint: 10.0})
+    along, parameters = PrescribedRobot(arm), FreeParameters(arm, paths, {joint: 10.0})
     ones = {f'effort.{name}': 1.0 for name in along.joints}
     ones.update({sensor.name: 1.0 for sensor in arm.tree.sensors})
     channels = ExcitedChannels(along, parameters, ones, 100.0)
@@ -318,7 +322,7 @@ def test_an_imu_tells_stiffness_if_its_noise_is_known(
 def test_slopes_of_an_imu_s_offset_gain_and_delay() -> None:
     link = dn.load_robot(LINK.format(noise=''), gravity=(0, 0, 0))
     paths = ['sensor.imu.offset.gyro_z', 'sensor.imu.gain.gyro_z', 'delay.imu']
-    along, parameters = Along(link), FreeParameters(link, paths)
+    along, parameters = PrescribedRobot(link), FreeParameters(link, paths)
     noise = {'effort.j': 1.0, 'imu.gyro': 1.0, 'imu.accel': 1.0}
     channels = ExcitedChannels(along, parameters, noise, 100.0)
     series = RestSeries(DURATION, 4)

@@ -11,7 +11,6 @@ import pytest
 from data_files import SERVO_SWING, UR10_BAG, rig_run
 
 import denoc_ros as dn
-from denoc_ros.bags.joint_table import TableTimes
 from denoc_ros.identification.model.free_parameters import SearchPoint
 from denoc_ros.identification.model.prediction import PreparedRun
 from denoc_ros.identification.model.sources import RecordingSettings, SensorFilter, read_source
@@ -82,9 +81,7 @@ def swing(end: float = 4.4) -> tuple[dn.Robot, dn.Recording]:
     robot = dn.load_robot(PENDULUM)
     robot = robot.with_overrides({'payload.arm.mass': 1.13, 'payload.arm.com': [0.0, 0.0, -0.12]})
     columns = {'servo.position': 'position', 'servo.effort': 'load'}
-    settings = RecordingSettings(
-        columns=columns, times=TableTimes('timestamp'), begin=2.05, end=end
-    )
+    settings = RecordingSettings(columns=columns, time='timestamp', begin=2.05, end=end)
     return robot, read_source(SERVO_SWING, robot, settings)
 
 

@@ -12,6 +12,7 @@ from lxml import etree
 from small_robots import ARM
 from suggested_robots import ALUMINIUM, EI, GJ, LENGTH, MASS, inertial, tube_arm
 
+import denoc_ros as dn
 from denoc_ros.errors import ConfigError, ModelError
 from denoc_ros.model.inertia import beam_inertia, moved, total
 from denoc_ros.model.poses import number_text, rotation_rpy
@@ -312,3 +313,72 @@ def test_a_stubby_link_is_said_to_be_less_than_the_rule_asks(ratio: float) -> No
     assert not flexible
     assert number < STUBBY
     assert ratio - 0.01 < number <= ratio
+
+
+ROOT_DIAMETER, TIP_DIAMETER, TAPERED_WALL = 0.120, 0.050, 0.003  # m
+
+
+def tapered_boom(folder: Path, share: float = 1.0) -> Path:
+    """Write an arm whose boom is a tapered tube, known by its mesh and its inertia."""
+    import trimesh
+
+    x = np.linspace(0.0, LENGTH, 2001)
+    outer = ROOT_DIAMETER + (TIP_DIAMETER - ROOT_DIAMETER) * x / LENGTH
+    inner = outer - 2.0 * TAPERED_WALL
+    per_length = ALUMINIUM.density * np.pi / 4.0 * (outer**2 - inner**2) * share
+    turning = ALUMINIUM.density * np.pi / 64.0 * (outer**4 - inner**4) * share
+    mass = np.trapezoid(per_length, x)
+    centre = np.trapezoid(per_length * x, x) / mass
+    across = np.trapezoid(per_length * (x - centre) ** 2 + turning, x)
+    inertia = np.diag([across, across, 2.0 * np.trapezoid(turning, x)])
+    profile = [[0.0, 0.0], [ROOT_DIAMETER / 2, 0.0], [TIP_DIAMETER / 2, LENGTH], [0.0, LENGTH]]
+    trimesh.creation.revolve(profile, sections=96).export(folder / 'boom.stl')
+    text = tube_arm()
+    start, end = text.index('<inertial>'), text.index('</link><link name="tool">')
+    shape = '<visual><geometry><mesh filename="boom.stl"/></geometry></visual>'
+    own = inertial(float(mass), np.array([0.0, 0.0, centre]), inertia)
+    file = folder / 'boom.urdf'
+    file.write_text(text[:start] + own + shape + text[end:])
+    return file
+
+
+@pytest.mark.parametrize('bandwidth', [1.0, 100.0])
+def test_a_mesh_that_tapers_is_proposed_by_stations(tmp_path: Path, bandwidth: float) -> None:
+    suggestion = suggest_flexibility(tapered_boom(tmp_path), bandwidth=bandwidth, links=['boom'])
+    (beam,) = suggestion.beams
+    assert 'tapered' in beam.stiffness.section
+    torsion = beam.modes[2] > 0
+    assert torsion == (bandwidth > 10.0)
+    stations = ''.join(
+        f'<at x="{x:.6g}"><section type="tube" diameter="{diameter:.9g}" wall="{TAPERED_WALL}">'
+        f'<material e="{ALUMINIUM.e}" g="{ALUMINIUM.g}" density="{ALUMINIUM.density}"/>'
+        '</section></at>'
+        for x in np.linspace(0.0, LENGTH, 11)
+        for diameter in [ROOT_DIAMETER + (TIP_DIAMETER - ROOT_DIAMETER) * x / LENGTH]
+    )
+    element = etree.fromstring(suggestion.text.encode()).find('flexibility/beam')
+    assert element is not None
+    for at in element.findall('at'):
+        element.remove(at)
+    for at in etree.fromstring(f'<all>{stations}</all>'):
+        element.append(at)
+    exact = etree.tostring(element, encoding='unicode')
+    start, end = suggestion.text.index('<beam'), suggestion.text.index('</beam>') + len('</beam>')
+    robots = [
+        dn.load_robot(text, gravity=(0.0, 0.0, 0.0))
+        for text in (suggestion.text, suggestion.text[:start] + exact + suggestion.text[end:])
+    ]
+    # two digits of the tube that is left at the root: what the inertia allows at most
+    found, expected = (r.natural_modes(np.zeros(r.n), held=True).frequencies for r in robots)
+    assert found == pytest.approx(expected, rel=0.01)
+
+
+def test_a_mesh_of_one_width_has_no_stations(tmp_path: Path) -> None:
+    import trimesh
+
+    file = tapered_boom(tmp_path)
+    trimesh.creation.cylinder(radius=0.03, segment=[[0, 0, 0], [0, 0, LENGTH]]).export(
+        tmp_path / 'boom.stl'
+    )
+    (beam,) = suggest_flexibility(file, links=['boom']).beams
+    assert not beam.stiffness.stations
