@@ -383,4 +383,7 @@ def estimator(
     every = rows @ covariance @ rows.T + np.eye(len(rows))
     solved = np.linalg.solve(every[:seen, :seen], rows[:seen] @ covariance).T
     correction = unit[:, None] * solved / deviations[:seen]
-    return correction, deviations[:, None] * every * deviations
+    covariance = np.zeros_like(every)
+    i, j = np.nonzero(every)  # what is not measured has endless noise, and shares none
+    covariance[i, j] = deviations[i] * every[i, j] * deviations[j]
+    return correction, covariance

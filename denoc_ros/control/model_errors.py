@@ -30,7 +30,9 @@ AFTER = 2.0  # s after the end of the motion that such a plan may use
 PAIRED = 4  # errors of which all pairs are tried; of more each alone
 LIKELY = 0.2  # standard deviation of an error before anything is measured
 LARGEST = 0.4  # error that is believed
-GATE = 5.0  # of the innovations' spread: beyond it something else was at work
+GATE = 4.0  # of the innovations' spread: beyond it something else was at work
+# where sensors are checked, an offset is found otherwise, and ten channels pass 4 too often
+CHECKED_GATE = 5.0
 QUIET = 0.3  # s after a pause of the loop in which its trace is not taken for an error's
 DOUBT = 1.5  # standard deviations within which a combination of errors may well be none
 ENTERS = 0.03  # s over which an error comes in
@@ -380,7 +382,8 @@ class ErrorEstimate:
         self._explained += (counted + by_errors @ self.used)[heard] @ whitened
         heard &= good[at]
         if time is not None and self._quiet <= time <= self._end and heard.any():
-            if (np.abs(counted) > GATE * gains.spread[at])[heard].any():
+            gate = CHECKED_GATE if len(self.faulty) else GATE
+            if (np.abs(counted) > gate * gains.spread[at])[heard].any():
                 self._quiet = time + QUIET
             else:
                 covariance = covariance[np.ix_(heard, heard)]
