@@ -185,14 +185,20 @@ def hybrid(
 
 
 def accelerations(
-    robot: RobotModel, held: Array, q: Array, qd: Array, given: Array, tau: Array
+    robot: RobotModel,
+    held: Array,
+    q: Array,
+    qd: Array,
+    given: Array,
+    tau: Array,
+    check: bool = True,
 ) -> tuple[Array, Array]:
     """Return accelerations (k, n) and multipliers (k, rows) of them alone; as :func:`hybrid`."""
     if not robot.constraint_names:
-        return hybrid(robot, False, held, q, qd, given, tau)[1:]
+        return hybrid(robot, False, held, q, qd, given, tau, check)[1:]
     qdd, multipliers = np.empty(q.shape), np.empty((len(q), len(robot.constraint_names)))
     rows = held, q, qd, given, tau, qdd, multipliers
-    _run(robot, constrained.constrained_dynamics_rows, *rows)
+    _run(robot, constrained.constrained_dynamics_rows, *rows, check=check)
     return qdd, multipliers
 
 

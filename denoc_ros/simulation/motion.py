@@ -15,6 +15,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
+from denoc_ros.dynamics import constraints
 from denoc_ros.dynamics.assembling import close_nearby
 from denoc_ros.dynamics.base_motion import Base
 from denoc_ros.dynamics.constraints import RANK
@@ -134,6 +135,7 @@ class EquationsOfMotion:
         self._given_names = [name for name in robot.joint_names if name in given]
         self._given = np.array([names[name] for name in self._given_names], dtype=np.intp)
         self._laws = [given[name] for name in self._given_names]
+        self._held = self._robot.held(self._given)
         self._followers = np.array([names[name] for name in self._leaders], dtype=np.intp)
         mimics = self._leaders.values()
         self._followed = np.array([names[mimic.leader] for mimic in mimics], dtype=np.intp)
@@ -272,6 +274,16 @@ class EquationsOfMotion:
 
     def accelerate(self, t: float, state: Array) -> None:
         """Work out `qdd` and `tau` (n,) at a time [s] and an integrator's state (2 f,)."""
+        self._apply(t, state)
+        if self._laws:
+            torque, qdd, _ = constraints.hybrid(self._robot, True, self._held, *self._driven())
+            self.qdd[:] = qdd[0]
+            self.tau[self._given] = torque[0, self._given]
+        else:
+            self._accelerate()
+
+    def _apply(self, t: float, state: Array) -> None:
+        """Fill the state, the base's motion and the forces at a time [s] and state (2 f,)."""
         self.complete(t, state)
         if self._base is not None:
             self._robot.move_base(self._base(t))
@@ -281,8 +293,24 @@ class EquationsOfMotion:
             self.tau[:] = checked_vector(
                 self._torque(t, self.q, self.qd), self._robot.n, 'torque', t
             )
-        self._accelerate()
         self.evaluations += 1
+
+    def _driven(self) -> tuple[Array, Array, Array, Array]:
+        """Return q, qd, the prescribed accelerations and the other forces, (1, n) each."""
+        given = np.where(self._held > 0.0, self.qdd, 0.0)
+        tau = np.where(self._held > 0.0, 0.0, self.tau)
+        return self.q[None], self.qd[None], given[None], tau[None]
+
+    def _accelerate(self) -> None:
+        """Work out the free accelerations; of trial states that are far off, finite or not."""
+        robot, q, qd = self._robot, self.q, self.qd
+        if self._laws:
+            rows, check = self._driven(), bool(robot.tree.loops)
+            self.qdd[:] = constraints.accelerations(robot, self._held, *rows, check=check)[0][0]
+        elif robot.constraint_names:
+            self.qdd[:], _ = robot.constrained_forward_dynamics(q, qd, self.tau)
+        else:
+            robot.forward_dynamics(q, qd, self.tau, out=self.qdd, check=False)
 
     def rate(self, t: float, state: Array) -> Array:
         """Return d(state)/dt, (2 f,), at a time [s] and a state (2 f,); NaN where that is NaN.
@@ -290,26 +318,13 @@ class EquationsOfMotion:
         An integrator's trial step may go too far: it then takes a smaller one.
         """
         try:
-            self.accelerate(t, state)
+            self._apply(t, state)
+            self._accelerate()
         except DenocError:
             if np.isfinite(state).all():
                 raise
             return np.full(state.shape, np.nan)
         return np.concatenate([state[len(self.free) :], self.qdd[self.free]])
-
-    def _accelerate(self) -> None:
-        """Work out the free accelerations, and the torques of the joints whose motion is given."""
-        robot, q, qd = self._robot, self.q, self.qd
-        if not robot.constraint_names and not self._laws:
-            robot.forward_dynamics(q, qd, self.tau, out=self.qdd, check=False)
-        elif not self._laws:
-            self.qdd[:], _ = robot.constrained_forward_dynamics(q, qd, self.tau)
-        else:
-            given = self.qdd[self._given]
-            torques, self.qdd[:], _ = robot.constrained_hybrid_dynamics(
-                q, qd, given, self._given_names, self.tau
-            )
-            self.tau[self._given] = torques
 
 
 def checked_vector(value: Array, n: int, name: str, t: float | None = None) -> Array:
