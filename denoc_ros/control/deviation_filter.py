@@ -275,7 +275,11 @@ class DeviationFilter:
     def _find_faults(self, now: float, gains: PostureGains) -> None:
         """Leave out a sensor that contradicts the others, and what it has done to the estimate."""
         errors = self.errors
-        if errors is None or self.blind or not errors.find_faults(now, gains):
+        if errors is None or self.blind:
+            return
+        if not self.believed:  # where the estimate begins, it contradicts all sensors
+            errors.forget_innovations()
+        if not errors.find_faults(now, gains):
             return
         before, self._fault_at = gains.measured @ self.state, now
         self.state[:] = errors.estimate

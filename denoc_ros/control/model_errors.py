@@ -294,7 +294,7 @@ class ErrorEstimate:
         self._bank[:], self._shift[:] = 0.0, 0.0
         self._expected.clear()
         self.forget_deviations()
-        self._forget_innovations()
+        self.forget_innovations()
 
     def forget_deviations(self) -> None:
         """Take note that the filter has started anew from measurements."""
@@ -305,9 +305,10 @@ class ErrorEstimate:
         self._bank[..., 0], self._bank[..., 1:] = state[:, None], self.seen[:, None]
         self._shift[:] = 0.0
         self._expected.since(-np.inf)[1][:] = gains.measured @ state
-        self._forget_innovations()
+        self.forget_innovations()
 
-    def _forget_innovations(self) -> None:
+    def forget_innovations(self) -> None:
+        """Look for faults in what comes from now on."""
         self._settled = np.inf
         self._information[:], self._explained[:] = 0.0, 0.0
 
@@ -330,7 +331,7 @@ class ErrorEstimate:
     def doubt(self, time: float) -> None:
         """Learn nothing for a while from a time of the plan [s] on: the torque was not as told."""
         self._quiet = time + QUIET
-        self._forget_innovations()
+        self.forget_innovations()
 
     def push(self, now: float, gains: PostureGains) -> None:
         """Take note of what the second estimate expects now [s]."""
@@ -454,7 +455,7 @@ class ErrorEstimate:
             self._shift[:] = 0.0
             self.seen[:] = self._bank[:, -1, 1:]
             self._expected.since(-np.inf)[1][:] = gains.measured @ self.estimate
-            self._forget_innovations()
+            self.forget_innovations()
             if self._past:
                 self.values[:], self._covariance = self._past[0]
                 self._past.clear()
