@@ -87,7 +87,8 @@ class RestOptions(ShaperOptions):
     duration : float, optional
         s; default that of the motion that was asked for; 0: the shortest within the limits.
     robustness : float, optional
-        Share by which the modes' frequencies may be off; default 0.1, in minimum time 0.
+        Share by which the modes' frequencies may be off; default 0.1. In the shortest motion it
+        must be 0: what keeps a swing small with other frequencies takes time.
     time : str
         ``minimum``: the shortest within all limits, as `duration` 0.
     waypoints : (w, driven joints) array, optional
@@ -156,9 +157,13 @@ def rest_motion(
     asked = float(times[-1] - times[0]) if options.duration is None else float(options.duration)
     if not asked >= 0.0 or not np.isfinite(asked):
         raise StateError(f'shape_motion: duration must be >= 0 s, got {options.duration!r}')
-    robustness = options.robustness
+    robustness, shortest = options.robustness, fastest or asked == 0.0
+    if shortest and robustness:
+        raise StateError(
+            f'shape_motion: robustness must be 0 in the shortest motion, got {robustness!r}'
+        )
     if robustness is None:
-        robustness = 0.0 if fastest else ROBUSTNESS
+        robustness = 0.0 if shortest else ROBUSTNESS
     search = rest_search(
         robot,
         (q_joints[0], q_joints[-1]),

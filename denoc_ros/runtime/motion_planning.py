@@ -150,7 +150,7 @@ def shape_job(settings: Settings, robot: dict[str, Any], joints: Sequence[str]) 
         options.update(limits, modes=settings.integer('modes') or None)
     if settings.flag('fastest') and method in FASTEST:
         options.update(time='minimum', margin=settings.number('margin'))
-    if method == 'rest_to_rest':
+    elif method == 'rest_to_rest':
         options['robustness'] = settings.number('robustness')
     if method in OF_STREAMS and settings.text('mode_table'):
         options['mode_table'] = settings.text('mode_table')

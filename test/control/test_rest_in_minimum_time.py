@@ -139,6 +139,7 @@ def test_waypoints_are_passed_within_their_radius() -> None:
         ({'margin': 1.0}, StateError, 'margin must be >= 0 and < 1, got 1.0'),
         ({'uncertainty': 1.0}, StateError, 'uncertainty must be >= 0 and < 1, got 1.0'),
         ({'duration': 1.0}, StateError, "duration must not come with time='minimum'"),
+        ({'robustness': 0.1}, StateError, 'robustness must be 0 in the shortest motion, got 0.1'),
         ({'waypoints': [[9.0]], 'radius': 0.1}, StateError, r'waypoint 1 must be within \[-7'),
         ({'waypoints': [[0.1]]}, StateError, 'radius of waypoints must be > 0 m, got None'),
         ({'waypoints': [[np.nan]], 'radius': 0.1}, StateError, 'waypoints must be finite, got'),
