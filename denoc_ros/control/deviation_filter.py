@@ -28,6 +28,7 @@ LARGEST = 1e3  # m or rad, and per s: no deviation is that large
 AGEING = 0.02  # weight of the newest values' age in the usual one
 BRIEF = 0.025  # s of a pause that leaves no more than the gains of every period undo
 DOUBTED = 0.3  # of what held torque did in a pause: so far the model may be off
+BEGINS = 1.0  # s in which an estimate that begins may contradict all sensors
 UNDONE = 0.05  # s after a sensor was found faulty in which the estimate without it acts
 REGAIN = 0.2  # s of good values until the estimate is believed again
 
@@ -277,7 +278,7 @@ class DeviationFilter:
         errors = self.errors
         if errors is None or self.blind:
             return
-        if not self.believed:  # where the estimate begins, it contradicts all sensors
+        if now - self._began < BEGINS:
             errors.forget_innovations()
         if not errors.find_faults(now, gains):
             return
