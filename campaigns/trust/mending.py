@@ -26,6 +26,24 @@ NOTICED = 8.0  # s within which a recorder says that its file is gone
 TRIGGER = 'std_srvs/srv/Trigger'
 
 
+class Reminder:
+    """Says when to ask a node again: each time later, as a busy machine takes its time.
+
+    Asked for a reset every second, a node that needs two begins anew for ever.
+    """
+
+    def __init__(self, patience: float) -> None:
+        self._patience, self._at = patience, time.perf_counter()  # s
+
+    def due(self) -> bool:
+        """Say whether it is time to ask."""
+        now = time.perf_counter()
+        if now - self._at <= self._patience:
+            return False
+        self._at, self._patience = now, 1.5 * self._patience
+        return True
+
+
 class Mending:
     """Brings the nodes of a stage back; each method returns or raises StageError: a broken law."""
 
@@ -186,23 +204,20 @@ class Mending:
     # ---- does what it is for
 
     def _follows(self) -> None:
-        stage, asked = self.stage, [0.0, time.perf_counter()]
+        stage, said_at = self.stage, 0.0
         shaped = 'shaper' in stage.scene.nodes
-        # a stamp from the future takes a reset; plans and gains may take a while, and so does
-        # all else on a busy machine: each reset begins anew, so they become rarer
-        patience = 10.0 if shaped else 1.0
+        reset = Reminder(10.0 if shaped else 1.0)  # plans take a while
         acts = self._feedback() if stage.scene.gauges else lambda: True
 
         def asked_again() -> bool:
-            nonlocal patience
+            nonlocal said_at
             now = time.perf_counter()
             if stage.witness.following(stage.now_ns()) and acts():
                 return True
-            if now - asked[0] > 0.2:
-                asked[0] = now
+            if now - said_at > 0.2:
+                said_at = now
                 stage.planned.publish(stage.trajectory())
-            if now - asked[1] > patience:
-                asked[1], patience = now, 1.5 * patience
+            if reset.due():  # which a stamp from the future takes
                 self._trigger('feedforward', 'reset')
                 if shaped:
                     self._trigger('shaper', 'reset')
@@ -243,12 +258,11 @@ class Mending:
         self._wait('shaper', waits, 'shaper: must wait for a motion, with a planner')
 
     def _publishes(self, node: str) -> None:
-        stage, asked = self.stage, [time.perf_counter()]
+        stage, reset = self.stage, Reminder(1.0)
 
         def heard() -> bool:
             now = time.perf_counter()
-            if now - asked[0] > 1.0:
-                asked[0] = now
+            if reset.due():
                 self._trigger(node, 'reset')
             return now - stage.heard.get(node, 0.0) < FRESH
 
