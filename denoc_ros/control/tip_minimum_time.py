@@ -50,15 +50,10 @@ SHORTEST = 0.7  # of the window before and after, which shrinks with the motion
 
 
 @dataclass(frozen=True)
-class TimedTip:
-    """A tip-exact motion with a timing."""
+class TimedMotion:
+    """A motion whose duration is to be the least."""
 
     timing: Timing
-    asked: RetimedMotion
-    grid: TipGrid
-    at: Moments
-    shares: Array
-    change: Array | None = None  # (k, n, p) of the coordinates at the same places of the path
 
     @property
     def duration(self) -> float:
@@ -74,6 +69,17 @@ class TimedTip:
     def coefficients(self) -> Array:
         """Of the timing."""
         return self.timing.coefficients
+
+
+@dataclass(frozen=True)
+class TimedTip(TimedMotion):
+    """A tip-exact motion with a timing."""
+
+    asked: RetimedMotion
+    grid: TipGrid
+    at: Moments
+    shares: Array
+    change: Array | None = None  # (k, n, p) of the coordinates at the same places of the path
 
 
 class TipMinimumTime:
@@ -238,27 +244,11 @@ def timing_of(old: TimedTip, timing: Timing) -> Array:
 
 
 @dataclass(frozen=True)
-class TimedPath:
+class TimedPath(TimedMotion):
     """A rigid robot's motion with a timing; each cell of the path has `MOMENTS`."""
 
-    timing: Timing
     shares: Array
     at: Moments
-
-    @property
-    def duration(self) -> float:
-        """Of the motion [s]."""
-        return self.timing.duration
-
-    @property
-    def cost(self) -> float:
-        """That is to be the least: the duration [s]."""
-        return self.timing.duration
-
-    @property
-    def coefficients(self) -> Array:
-        """Of the timing."""
-        return self.timing.coefficients
 
 
 class RigidMinimumTime:
