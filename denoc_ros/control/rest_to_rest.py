@@ -272,6 +272,7 @@ class RestProblem:
         eye = np.eye(self._splines)
         even = self._hessian + 1e-13 * float(np.trace(self._hessian)) / self._splines * eye
         self._smooth = scipy.linalg.cho_factor(even)
+        self._plain_jerk = max(self.jerk(self.plain(1.0)), 1e-12)
         self._goals = self._places()
         self.fixed = False  # whether the duration is the wanted one all the time
         self.unit = self.size = self.swing = 1.0
@@ -356,10 +357,10 @@ class RestProblem:
 
     def _prices(self) -> tuple[float, float, float]:
         """Return the prices of a second, of a jerk, and of a swing's square."""
-        jerk = max(self.jerk(self.plain(1.0)), 1e-12)
         if self.wanted:
-            return LATE, self.wanted / jerk, self.wanted * ROBUSTNESS / self.swing**2
-        return 1.0, SMOOTH * self.unit / jerk, 0.0
+            quiet = self.wanted * ROBUSTNESS / self.swing**2
+            return LATE, self.wanted / self._plain_jerk, quiet
+        return 1.0, SMOOTH * self.unit / self._plain_jerk, 0.0
 
     def _cost(self, x: Array, errors: tuple[Array, ...]) -> float:
         late, smooth, quiet = self._prices()
