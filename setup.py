@@ -86,6 +86,9 @@ DOCS = ['sphinx>=8', 'myst-parser>=4', 'furo>=2024.8', 'jupytext>=1.16', 'nbform
 # links from their mesh: tetrahedra, ten-node elements, order of rows, volume meshes of others
 REDUCE = ['pytetwild>=0.2,<0.3', 'scikit-fem>=10', 'pymetis>=2025.2', 'meshio>=5.3']
 
+# cross-sections of any outline
+SECTIONS = ['sectionproperties>=3.3', 'shapely>=2', 'networkx>=3', 'rtree>=1']
+
 # Nastran's output4 files
 NASTRAN = ['pyyeti>=1.4']
 
@@ -136,6 +139,7 @@ setup(
         'mujoco': MUJOCO,
         'reduce': REDUCE,
         'nastran': NASTRAN,
+        'sections': SECTIONS,
         'test': [
             *CLUSTER,
             *CONTROL,
@@ -143,6 +147,7 @@ setup(
             *MUJOCO,
             *NASTRAN,
             *REDUCE,
+            *SECTIONS,
             *TABLES,
             *VIEWER,
             'pytest>=8',

@@ -28,8 +28,9 @@ UNIT_NAMES = ('m', 'cm', 'mm', 'in')
 EXTRA = ('pytetwild', 'skfem', 'pymetis', 'meshio')  # packages that only this verb needs
 DESCRIPTION = (
     'Make a flexible link of a closed surface mesh (STL, OBJ, PLY, OFF, COLLADA), a volume mesh '
-    '(.msh, .inp, .bdf, .mesh), the link of a URDF, or mass and stiffness matrices of another '
-    'program (.mtx, .npz, .op4, .sti). The file is for <flexible link= file=>.'
+    '(.msh, .inp, .bdf, .mesh), the link of a URDF (its <beam>, else its mesh), or mass and '
+    'stiffness matrices of another program (.mtx, .npz, .op4, .sti). The file is for '
+    '<flexible link= file=>.'
 )
 
 
@@ -182,7 +183,7 @@ def _frames(args: argparse.Namespace, described: LinkDescription | None) -> Fram
     for name, place in args.frame.items():
         outer[name] = np.eye(4)
         outer[name][:3, 3] = place
-    if not outer:
+    if not outer and (described is None or described.beam is None):
         findings.append('a frame besides the root must be given: --frames or --frame, got none')
     radii = {}
     for text in args.radius:
@@ -218,7 +219,7 @@ def _outputs(args: argparse.Namespace, source: Path) -> list[Path]:
     raise AssertionError
 
 
-def _wishes(args: argparse.Namespace, frames: Frames) -> Any:
+def _wishes(args: argparse.Namespace, described: LinkDescription | None, frames: Frames) -> Any:
     from denoc_ros.reduction.link import Wishes
 
     findings: list[str] = []
@@ -232,10 +233,11 @@ def _wishes(args: argparse.Namespace, frames: Frames) -> Any:
             findings.append(f'--gauge {name} must have a direction that is not zero')
     require(findings)
     given = {} if args.damping is None else {'damping_ratio': args.damping}
+    gauges = {} if described is None else dict(described.gauges)
     return Wishes(
         modes=args.modes,
         tip_mass=args.tip_mass,
-        gauges={name: (values[:3], values[3:]) for name, values in args.gauge.items()},
+        gauges=gauges | {name: (at[:3], at[3:]) for name, at in args.gauge.items()},
         quadratic=args.quadratic,
         **given,
     )
@@ -246,7 +248,9 @@ def _reduced(
 ) -> ReducedMesh:
     """Reduce the source, whatever it is."""
     from denoc_ros.cli.progress import share_bar
+    from denoc_ros.model.beams import warping_doubts
     from denoc_ros.reduction import matrices, mesh
+    from denoc_ros.reduction.beam import reduce_beam
     from denoc_ros.reduction.reduce import (
         ReducedMesh,
         elasticity_of,
@@ -255,7 +259,7 @@ def _reduced(
         reduce_surface,
     )
 
-    wishes = _wishes(args, frames)
+    wishes = _wishes(args, described, frames)
     suffix = source.suffix.lower()
     known = (*SURFACES, *mesh.VOLUME_FORMATS, *matrices.FORMATS, '.urdf')
     require([] if suffix in known else [f'source must end in {", ".join(known)}, got {suffix!r}'])
@@ -268,6 +272,13 @@ def _reduced(
             body = matrices.read_matrices(source, args.mass_matrix, args.nodes, _scale(args, 1.0))
             found = reduce_matrices(body, frames, wishes, source.name, **options)
             return ReducedMesh(found, np.zeros(0), 0, tuple(found.doubts))
+        if described is not None and source.suffix == '.urdf' and described.beam is not None:
+            said = f'{source.name}, beam of {described.link}'
+            beam = reduce_beam(
+                described.beam, described.inertia, frames.outer, wishes, said, options['report']
+            )
+            doubts = (*warping_doubts(described.beam), *beam.doubts)
+            return ReducedMesh(beam, np.zeros(0), 0, doubts)
         elasticity, said = elasticity_of(args.material, args.young, args.poisson, args.density)
         mass = _target_mass(args, described)
         if suffix in mesh.VOLUME_FORMATS:
@@ -358,14 +369,17 @@ def _finish(
     from denoc_ros.reports.provenance import named_file, provenance
     from denoc_ros.reports.reduce import page, summary
 
-    row = summary(found, None if described is None else described.inertia)
+    of_beam = described is not None and described.beam is not None and len(files) > 1
+    row = summary(found, None if described is None or of_beam else described.inertia)
     row['output'] = str(files[0])
     name = described.link if described is not None else (args.link or source.stem)
-    row['block'] = f'<flexible link="{name}" file="{files[0].name}" inertial="file"/>'
+    inertial = 'urdf' if of_beam else 'file'
+    row['block'] = f'<flexible link="{name}" file="{files[0].name}" inertial="{inertial}"/>'
     with whole_file(files[0]) as unfinished:
         write(unfinished, found.reduction.link)
     if len(files) > 1:
-        write_new(files[1], with_block(source, args.link, files[0].name))
+        assert described is not None
+        write_new(files[1], with_block(source, described, files[0].name))
         row['robot'] = str(files[1])
     if args.page:
         origin = provenance(args.command, {'source': named_file(source)})

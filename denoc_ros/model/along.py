@@ -86,7 +86,7 @@ class Along:
         inner = [x for x in self.breaks if start + SAME < x < end - SAME]
         edges = np.array([start, *inner, end])
         samples = [self.values(_stations(a, b)) for a, b in itertools.pairwise(edges)]
-        return _fitted((edges - start) / (end - start), samples)
+        return fitted((edges - start) / (end - start), samples)
 
 
 CONSTANT = Along()
@@ -96,8 +96,8 @@ def _stations(start: float, end: float) -> Array:
     return np.asarray(start + 0.5 * (end - start) * (_nodes() + 1.0))
 
 
-def _fitted(edges: Array, samples: list[Array]) -> Along:
-    """Return the function through samples at the Chebyshev points of each interval."""
+def fitted(edges: Array, samples: list[Array]) -> Along:
+    """Return the function through samples at `sample_shares` of each interval."""
     flat = np.concatenate(samples)
     size = float(np.max(np.abs(flat)))
     if np.ptp(flat) <= SAME * size:
@@ -131,7 +131,7 @@ def mean_and_along(breaks: Array, samples: list[Array]) -> tuple[float, Along]:
     float, Along
         A function that is one number gives that number, to the digit, and `CONSTANT`.
     """
-    raw = _fitted(breaks, samples)
+    raw = fitted(breaks, samples)
     mean = raw.moment(0)
     if raw.uniform or mean == 0.0:
         return mean, CONSTANT

@@ -4,27 +4,72 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 from scipy.interpolate import PchipInterpolator
 
-from denoc_ros.model.along import Along, mean_and_along, sample_shares
+from denoc_ros.errors import ModelError
+from denoc_ros.model.along import Along, fitted, mean_and_along, sample_shares
 from denoc_ros.model.findings import Element, Findings, Reader
+from denoc_ros.model.mesh_files import named_file
+from denoc_ros.model.poses import number_text, rotation_rpy, rpy_of
 from denoc_ros.types import Array
 
 
 @dataclass(frozen=True)
+class SectionAxes:
+    """Where the sections of a beam lie in its frame, by the share of the length.
+
+    `angle` of the principal axes about x [rad], from y towards z; centroid and shear centre [m].
+    """
+
+    angle: Along
+    centroid_y: Along
+    centroid_z: Along
+    shear_center_y: Along
+    shear_center_z: Along
+
+    @classmethod
+    def of(cls, *numbers: float) -> SectionAxes:
+        """Return those of five numbers that do not vary."""
+        return cls(*(Along(pieces=((number,),)) for number in numbers))
+
+    def values(self, share: Array) -> Array:
+        """Return angle, centroid and shear centre, (k, 5), at shares of the length."""
+        return np.stack([getattr(self, name).values(share) for name in AXES], axis=1)
+
+    @cached_property
+    def straight(self) -> bool:
+        """Whether a beam that lies turned and aside has them, its planes and twist uncoupled."""
+        _, *centre = self.values(np.zeros(1))[0]
+        same = abs(centre[0] - centre[2]) + abs(centre[1] - centre[3]) <= ON_AXIS
+        return same and all(getattr(self, name).uniform for name in AXES)
+
+    @property
+    def pose(self) -> Array:
+        """The principal axes at the root (4, 4), at the centroid, seen from the beam frame."""
+        angle, y, z, _, _ = self.values(np.zeros(1))[0]
+        pose = np.eye(4)
+        pose[:3, :3] = rotation_rpy(np.array([angle, 0.0, 0.0]))
+        pose[1:3, 3] = y, z
+        return pose
+
+
+@dataclass(frozen=True)
 class CrossSection:
-    """A cross-section of a beam along X, symmetric about its y and z axes."""
+    """A cross-section of a beam along X: moments along its principal axes, y and z of it."""
 
     area: float  # [m^2]
     # second moment of area for deflection along y, and along z [m^4]
     moment_y: float
     moment_z: float
     torsion_constant: float  # St-Venant's [m^4]
+    axes: SectionAxes | None = None  # None: centred on the beam axis
+    warping_constant: float = 0.0  # Vlasov's [m^6], where it is known
+    fibre: tuple[float, float] = (0.0, 0.0)  # farthest along the principal axes [m], likewise
 
     @property
     def polar_moment(self) -> float:
@@ -112,15 +157,17 @@ NUMBERS = {
     'gj': 'N m^2',
     'mass_per_length': 'kg/m',
     'polar_inertia': 'kg m^2/m',
+    'ea': 'N',
 }
-REFUSED = {
-    'ea': 'the beam does not stretch',
-    'angle': 'the principal axes must be the axes of the beam frame',
-    'centroid_y': 'the centroid must be on the beam axis',
-    'centroid_z': 'the centroid must be on the beam axis',
-    'shear_center_y': 'the shear centre must be on the beam axis',
-    'shear_center_z': 'the shear centre must be on the beam axis',
+AXES = {
+    'angle': 'rad',
+    'centroid_y': 'm',
+    'centroid_z': 'm',
+    'shear_center_y': 'm',
+    'shear_center_z': 'm',
 }
+PROFILE = 'profile'  # kind of a section with an outline of its own
+ON_AXIS = 1e-12  # m
 MOST_STATIONS = 1000
 SAME_STATION = 1e-9  # of the length
 INTERPOLATIONS = ('linear', 'cubic')
@@ -131,15 +178,18 @@ STRAINS = ('strain_limit', 'stress_limit', 'surface')
 class BeamSection:
     """A cross-section with its material."""
 
-    kind: str  # of SIZES
+    kind: str  # of SIZES, or PROFILE
     sizes: tuple[float, ...]  # [m]
     e: float  # Young's modulus [Pa]
     g: float  # shear modulus [Pa]
     density: float  # [kg/m^3]
+    profile: CrossSection | None = None
 
     @cached_property
     def section(self) -> CrossSection:
         """The numbers of its shape."""
+        if self.profile is not None:
+            return self.profile
         if self.kind not in SHAPED or not np.isfinite(self.sizes).all():
             return CrossSection(math.nan, math.nan, math.nan, math.nan)
         return SHAPED[self.kind](*self.sizes)
@@ -153,6 +203,11 @@ class BeamSection:
     def polar_inertia(self) -> float:
         """Polar inertia per length [kg m^2/m]."""
         return self.density * self.section.polar_moment
+
+    @property
+    def warping_rigidity(self) -> float:
+        """E Gamma [N m^4]; 0 where it is not known."""
+        return self.e * self.section.warping_constant
 
     @property
     def torsional_rigidity(self) -> float:
@@ -188,7 +243,7 @@ def read_strain_limit(beam: Reader, section: BeamSection | None) -> StrainLimit:
         if section is not None:
             beam.fail('surface', 'not come with a <section>', depth)
     elif section is not None and section.sizes:
-        corners = section.kind == 'rectangle'
+        corners = section.kind in ('rectangle', PROFILE)
         surface = (0.5 * section.sizes[0], 0.5 * section.sizes[1 if corners else 0])
     if given['strain_limit']:
         strain = beam.number('strain_limit', '-', above=0.0)
@@ -211,7 +266,7 @@ def at_most_one(reader: Reader, tag: str) -> Element | None:
     return found[0] if found else None
 
 
-def read_section(beam: Reader, least: float | None = None) -> BeamSection | None:
+def read_section(beam: Reader, least: float | None = None, folder: str = '') -> BeamSection | None:
     """Return the `<section>` of a beam, or of a station of it, None without one.
 
     Parameters
@@ -220,6 +275,8 @@ def read_section(beam: Reader, least: float | None = None) -> BeamSection | None
         Of `<beam>` or of its `<at>`, whose `<material>` may stand in the beam.
     least : float, optional
         Of the sizes [m]; they are > 0 where it is not given.
+    folder : str
+        Of the description's file, which the file of an outline is relative to; '' of a text.
     """
     element = at_most_one(beam, 'section')
     station = beam.element.tag == 'at'
@@ -228,9 +285,14 @@ def read_section(beam: Reader, least: float | None = None) -> BeamSection | None
         if materials and beam.element.find('at/section') is None:
             beam.findings.add(beam.whose, '<material> must come with a <section>, got none')
         return None
-    section = _read_profile(
-        Reader(element, beam.whose, beam.findings, f' of <section>{beam.label}'), least
-    )
+    reader = Reader(element, beam.whose, beam.findings, f' of <section>{beam.label}')
+    profile = None
+    if element.get('file') is not None or element.get('type') == 'polygon':
+        profile = _read_outline(reader, folder)
+        fibre = (0.0, 0.0) if profile is None else profile.fibre
+        section: tuple[str, tuple[float, ...]] = (PROFILE, (2.0 * fibre[0], 2.0 * fibre[1]))
+    else:
+        section = _read_sizes(reader, least)
     materials += element.findall('material')
     whole = beam.element.getparent() if station else beam.element
     if station and whole is not None:
@@ -249,6 +311,7 @@ def read_section(beam: Reader, least: float | None = None) -> BeamSection | None
         material.number('e', 'Pa', above=0.0, default=None if bends else math.nan),
         material.number('g', 'Pa', above=0.0, default=None if twists else math.nan),
         material.number('density', 'kg/m^3', above=0.0),
+        profile,
     )
 
 
@@ -270,6 +333,8 @@ def expand_section(beam: Element) -> None:
         beam.set('surface', repr(max(limit.surface) * (2.0**0.5 if limit.corners else 1.0)))
     for element in beam.findall('section') + beam.findall('material'):
         beam.remove(element)
+    if (axes := section.section.axes) is not None:
+        _turn_origin(beam, axes)
     beam.set('mass_per_length', repr(section.mass_per_length))
     for bending in beam.findall('bending'):
         bending.set('ei', repr(section.flexural_rigidity(bending.get('direction'))))
@@ -278,8 +343,8 @@ def expand_section(beam: Element) -> None:
         torsion.set('polar_inertia', repr(section.polar_inertia))
 
 
-def _read_profile(reader: Reader, least: float | None) -> tuple[str, tuple[float, ...]]:
-    kind = reader.choice('type', tuple(SIZES))
+def _read_sizes(reader: Reader, least: float | None) -> tuple[str, tuple[float, ...]]:
+    kind = reader.choice('type', (*SIZES, 'polygon'))
     names = SIZES.get(kind, ())
     reader.only(('type', *names) if kind else tuple(reader.element.attrib), ('material',))
     above = 0.0 if least is None else None
@@ -287,6 +352,49 @@ def _read_profile(reader: Reader, least: float | None) -> tuple[str, tuple[float
     if kind == 'tube' and 2.0 * numbers[1] > numbers[0]:
         reader.fail('wall', f'be at most half the diameter {numbers[0]:g} m', numbers[1])
     return kind, tuple(numbers)
+
+
+def _turn_origin(beam: Element, axes: SectionAxes) -> None:
+    """Put the principal axes of a section into the beam's `<origin>`."""
+    element = beam.find('origin')
+    pose = np.eye(4) if element is None else Reader(element, '', Findings()).pose()
+    pose = pose @ axes.pose
+    if element is None:
+        element = type(beam).makeelement(beam, 'origin')
+        beam.insert(0, element)
+    element.set('xyz', number_text(*pose[:3, 3]))
+    element.set('rpy', number_text(*rpy_of(pose[:3, :3])))
+
+
+def _read_outline(reader: Reader, folder: str) -> CrossSection | None:
+    """Return the numbers of `<section file= scale=>` or `<section type="polygon" points=>`."""
+    try:  # an extra, for such sections alone
+        from denoc_ros.model.section_profiles import profile_section, read_outline
+    except ImportError as error:
+        rule = "must be read with sectionproperties: pip install 'denoc_ros[sections]'"
+        reader.findings.add(reader.whose, f'outline of <section> {rule}, got: {error}')
+        return None
+    try:
+        if reader.element.get('file') is None:
+            reader.only(('type', 'points'), ('material',))
+            points = reader.numbers('points', 'm')
+            if len(points) < 6 or len(points) % 2:
+                reader.fail('points', 'be y and z of three corners or more', len(points))
+                return None
+            return profile_section(
+                (tuple((float(y), float(z)) for y, z in points.reshape(-1, 2)),)
+            )
+        reader.only(('file', 'scale'), ('material',))
+        scale = reader.number('scale', 'm per unit of the file', above=0.0)
+        file = named_file(reader, folder)
+        if file is None or not math.isfinite(scale):
+            return None
+        return profile_section(read_outline(file, scale))
+    except ModelError as error:
+        for finding in error.findings:
+            name = reader.element.get('file', 'polygon')
+            reader.findings.add(f'{reader.whose}: <section> {name}', finding)
+        return None
 
 
 Profile = tuple[float, Along]  # mean and shares of it
@@ -299,8 +407,17 @@ class _Station:
     section: BeamSection | None
 
 
-def read_stations(beam: Reader, length: float) -> dict[str, Profile]:
-    """Return the numbers of a beam that its `<at>` elements give, by the names of `NUMBERS`.
+@dataclass(frozen=True)
+class Stations:
+    """Numbers of a beam by the names of `NUMBERS`, and where its sections lie."""
+
+    profiles: Mapping[str, Profile] = field(default_factory=dict)
+    axes: SectionAxes | None = None  # None: centred on the beam axis
+    warping_rigidity: float = 0.0  # the largest E Gamma [N m^4]
+
+
+def read_stations(beam: Reader, length: float, folder: str = '') -> Stations:
+    """Return what the `<at>` elements of a beam say.
 
     Parameters
     ----------
@@ -308,10 +425,12 @@ def read_stations(beam: Reader, length: float) -> dict[str, Profile]:
         Of `<beam>`.
     length : float
         [m]
+    folder : str
+        Of the description's file, '' of a text.
 
     Returns
     -------
-    dict of str to (float, Along)
+    Stations
         Mean over the length and the shares of it along the beam; empty without `<at>`.
     """
     interpolation = beam.choice('interpolation', INTERPOLATIONS, 'linear')
@@ -319,24 +438,24 @@ def read_stations(beam: Reader, length: float) -> dict[str, Profile]:
     if not elements:
         if beam.element.get('interpolation') is not None:
             beam.fail('interpolation', 'come with <at> stations', interpolation)
-        return {}
+        return Stations()
     before = len(beam.findings.items)
     if len(elements) > MOST_STATIONS or len(elements) < 2:
         rule = f'must be 2 to {MOST_STATIONS}'
         beam.findings.add(beam.whose, f'number of <at> stations {rule}, got {len(elements)}')
-        return {}
+        return Stations()
     if beam.element.find('section') is not None:
         beam.findings.add(beam.whose, '<section> must stand in each <at>, got one in <beam>')
     last = len(elements) - 1
-    stations = [_read_station(beam, at, k == last) for k, at in enumerate(elements)]
+    stations = [_read_station(beam, at, k == last, folder) for k, at in enumerate(elements)]
     _check_places(beam, [station.x for station in stations], length)
     if len(beam.findings.items) > before:
-        return {}
+        return Stations()
     given = [station.section is not None for station in stations]
     if any(given) and not all(given):
         rule = 'must have a <section> each, or none'
         beam.findings.add(beam.whose, f'<at> stations {rule}, got {sum(given)} of {len(given)}')
-        return {}
+        return Stations()
     x = np.array([station.x for station in stations]) / length
     x[-1] = 1.0
     x[np.flatnonzero(np.diff(x) <= SAME_STATION) + 1] = x[:-1][np.diff(x) <= SAME_STATION]
@@ -345,24 +464,20 @@ def read_stations(beam: Reader, length: float) -> dict[str, Profile]:
     return _from_numbers(beam, x, stations, interpolation)
 
 
-def _read_station(beam: Reader, element: Element, last: bool) -> _Station:
+def _read_station(beam: Reader, element: Element, last: bool, folder: str) -> _Station:
     where = element.get('x', '')
     reader = Reader(element, beam.whose, beam.findings, f' of <at x={where!r}>')
-    for name, reason in REFUSED.items():
-        if element.get(name) is not None:
-            reader.fail(name, f'be left out: {reason}', element.get(name))
-    refused = tuple(name for name in REFUSED if element.get(name) is not None)
-    reader.only(('x', *NUMBERS, *refused), ('section', 'material'))
+    reader.only(('x', *NUMBERS, *AXES), ('section', 'material'))
     # a beam may end in a point, where nothing is left of its section
     bound: dict[str, float] = {'least': 0.0} if last else {'above': 0.0}
+    given = {name for name in (*NUMBERS, *AXES) if element.get(name) is not None}
     numbers = {
-        name: reader.number(name, unit, **bound)
-        for name, unit in NUMBERS.items()
-        if element.get(name) is not None
+        name: reader.number(name, unit, **bound) for name, unit in NUMBERS.items() if name in given
     }
+    numbers |= {name: reader.number(name, unit) for name, unit in AXES.items() if name in given}
     if element.find('section') is not None and numbers:
         reader.fail(next(iter(numbers)), 'not come with a <section>', next(iter(numbers.values())))
-    section = read_section(reader, 0.0 if last else None)
+    section = read_section(reader, 0.0 if last else None, folder)
     return _Station(reader.number('x', 'm', least=0.0), numbers, section)
 
 
@@ -405,50 +520,54 @@ def _interpolated(x: Array, rows: Array, interpolation: str) -> list[Callable[[A
 
 def _from_numbers(
     beam: Reader, x: Array, stations: list[_Station], interpolation: str
-) -> dict[str, Profile]:
-    breaks, found = np.unique(x), {}
+) -> Stations:
+    found = {}
     for name, unit in NUMBERS.items():
         column = [station.numbers.get(name) for station in stations]
         given = [value for value in column if value is not None]
         if not given:
             continue
         if len(given) < len(column):
-            rule = f'must be given at each station, or at none [{unit}]'
+            none = ', or at none' if name != 'ea' else ', or left out: the beam does not stretch'
+            rule = f'must be given at each station{none} [{unit}]'
             beam.findings.add(beam.whose, f'{name} of <at> {rule}, got {len(given)}')
             continue
-        curves = _interpolated(x, np.array(given)[:, None], interpolation)
-        samples = [curve(sample_shares())[:, 0] for curve in curves]
-        found[name] = mean_and_along(breaks, samples)
+        found[name] = mean_and_along(*_sampled(x, np.array(given), interpolation))
     if not found and len(beam.findings.items) == 0:
         rule = f'must have a <section> or numbers ({", ".join(NUMBERS)})'
         beam.findings.add(beam.whose, f'<at> stations {rule}, got none')
-    return found
+    return Stations(found, _axes_along(x, [each.numbers for each in stations], interpolation))
+
+
+def _sampled(x: Array, values: Array, interpolation: str) -> tuple[Array, list[Array]]:
+    """Return the breaks of a column of stations, and its samples between each two."""
+    curves = _interpolated(x, values[:, None], interpolation)
+    return np.unique(x), [curve(sample_shares())[:, 0] for curve in curves]
+
+
+def _axes_along(
+    x: Array, rows: Sequence[Mapping[str, float]], interpolation: str
+) -> SectionAxes | None:
+    """Return where sections lie; a shear centre that is not given is the centroid."""
+    if not any(name in row for row in rows for name in AXES):
+        return None
+    columns = {name: np.array([row.get(name, 0.0) for row in rows]) for name in list(AXES)[:3]}
+    for axis in 'yz':
+        columns[f'shear_center_{axis}'] = np.array(
+            [row.get(f'shear_center_{axis}', row.get(f'centroid_{axis}', 0.0)) for row in rows]
+        )
+    return SectionAxes(*(fitted(*_sampled(x, columns[n], interpolation)) for n in AXES))
 
 
 def _from_sections(
     beam: Reader, x: Array, sections: list[BeamSection], interpolation: str
-) -> dict[str, Profile]:
+) -> Stations:
     for k, (one, next_) in enumerate(itertools.pairwise(sections)):
         if one.kind != next_.kind and x[k] < x[k + 1]:
             rule = 'type must be that of the station before, or change in a step (two at one x)'
             got = f'{one.kind} and {next_.kind}'
             beam.findings.add(beam.whose, f'<section> of <at>: {rule}, got {got}')
-            return {}
-    breaks, found = np.unique(x), {}
-    begins = np.flatnonzero(np.diff(x) > 0.0)
-    # sizes of each type stand in columns of their own
-    most = max(len(each.sizes) for each in sections)
-    rows = np.array(
-        [
-            [*each.sizes, *[0.0] * (most - len(each.sizes)), each.e, each.g, each.density]
-            for each in sections
-        ]
-    )
-    curves = _interpolated(x, np.nan_to_num(rows), interpolation)
-    along = [
-        [_section(sections[begins[k]], row) for row in curves[k](sample_shares())]
-        for k in range(len(curves))
-    ]
+            return Stations()
     quantities: dict[str, Callable[[BeamSection], float]] = {
         'ei_y': lambda each: each.flexural_rigidity('y'),
         'ei_z': lambda each: each.flexural_rigidity('z'),
@@ -456,10 +575,37 @@ def _from_sections(
         'mass_per_length': lambda each: each.mass_per_length,
         'polar_inertia': lambda each: each.polar_inertia,
     }
+    if any(each.kind == PROFILE for each in sections):
+        # outlines have no sizes in common: their numbers are interpolated
+        found = {
+            name: mean_and_along(
+                *_sampled(x, np.nan_to_num([quantity(each) for each in sections]), interpolation)
+            )
+            for name, quantity in quantities.items()
+        }
+        own = [each.section.axes or SectionAxes.of(*[0.0] * 5) for each in sections]
+        rows = [dict(zip(AXES, axes.values(np.zeros(1))[0], strict=True)) for axes in own]
+        warping = max(each.warping_rigidity for each in sections)
+        return Stations(found, _axes_along(x, rows, interpolation), warping)
+    found, breaks = {}, np.unique(x)
+    begins = np.flatnonzero(np.diff(x) > 0.0)
+    # sizes of each type stand in columns of their own
+    most = max(len(each.sizes) for each in sections)
+    rows_ = np.array(
+        [
+            [*each.sizes, *[0.0] * (most - len(each.sizes)), each.e, each.g, each.density]
+            for each in sections
+        ]
+    )
+    curves = _interpolated(x, np.nan_to_num(rows_), interpolation)
+    along = [
+        [_section(sections[begins[k]], row) for row in curves[k](sample_shares())]
+        for k in range(len(curves))
+    ]
     for name, quantity in quantities.items():
         samples = [np.array([quantity(each) for each in interval]) for interval in along]
         found[name] = mean_and_along(breaks, samples)
-    return found
+    return Stations(found)
 
 
 def _section(like: BeamSection, row: Array) -> BeamSection:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from scipy.linalg import eigh
 
 from denoc_ros.model.along import Along
+from denoc_ros.model.beam_sections import AXES
 from denoc_ros.model.findings import SMALLEST, Findings
 from denoc_ros.model.flexibility import BeamElement, DeformationElement
 from denoc_ros.model.inertia import (
@@ -46,6 +47,7 @@ from denoc_ros.model.shapes import (
 from denoc_ros.model.tree import Beam, Deformation, FlexibleLink, RigidInertia
 from denoc_ros.types import Array
 
+WARPING = 0.05  # of the length: held ends farther felt are told
 POINTED = 1e-12  # of a mean: what arithmetic leaves of a zero at the tip
 
 
@@ -77,6 +79,10 @@ def flexible_link(
         In the beam frame.
     """
     whose = f'beam {element.link!r}'
+    if (coupled := _coupled(element)) is not None:
+        findings.add(whose, coupled)
+        return None
+    warnings += warping_doubts(element)
     if inertia is None or inertia.mass < SMALLEST:
         got = 'none' if inertia is None else f'mass {inertia.mass:g} kg'
         rule = "must have a mass, of which the beam is a share: the link's <inertial>"
@@ -109,6 +115,33 @@ def flexible_link(
             findings.add(whose, 'modal stiffness and damping must be finite, got an overflow')
             return None
     return FlexibleLink(element.origin, beams, rest)
+
+
+def _coupled(element: BeamElement) -> str | None:
+    """Fault of a beam that bends, twists and stretches as one, None if there is none."""
+    way = 'denoc reduce ROBOT.urdf --link LINK makes such a beam a <flexible> link'
+    if (axes := element.axes) is not None:
+        size = np.abs(axes.values(np.linspace(0.0, 1.0, 9))).max(axis=0)
+        names = ', '.join(name for name, most in zip(AXES, size, strict=True) if most > 0.0)
+        rule = (
+            'must have their principal axes turned as one, and the shear centre and the centroid '
+            'on the beam axis or one line beside it'
+        )
+        return f'sections with {names} {rule}, got others: {way}'
+    if element.stretch is not None:
+        return f'ea of <at> must be left out: the beam does not stretch; {way}'
+    return None
+
+
+def warping_doubts(element: BeamElement) -> list[str]:
+    """Return a warning for a beam whose held ends would stop its sections from warping."""
+    if element.torsion is None or element.torsion.modes == 0:
+        return []
+    reach = float(np.sqrt(element.warping_rigidity / element.torsion.stiffness))
+    if reach < WARPING * element.length:
+        return []
+    said = f'held ends stop its sections from warping over {reach:.3g} m'
+    return [f'beam {element.link!r}: {said}, which makes it stiffer in torsion than it is here']
 
 
 def _polar_inertia(element: BeamElement, whole: RigidInertia) -> float | None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Collection
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from pathlib import Path
 
 import numpy as np
 
@@ -13,7 +12,7 @@ from denoc_ros.errors import ModelError
 from denoc_ros.model.findings import SMALLEST, Element, Findings, Reader
 from denoc_ros.model.inertia import ROUNDING, TOLERANCE, difference, inertia_violation
 from denoc_ros.model.link_file import ReducedLink, read
-from denoc_ros.model.mesh_files import mesh_file
+from denoc_ros.model.mesh_files import named_file
 from denoc_ros.model.tree import ComponentModes, FlexibleLink, RigidInertia
 from denoc_ros.types import Array
 
@@ -67,23 +66,15 @@ def read_flexible(
 
 
 def _read_file(reader: Reader, folder: str) -> tuple[str, ReducedLink] | None:
-    name = reader.text('file')
-    if not name:
-        return None
-    path = mesh_file(name, Path(folder) if folder else None)
-    if not folder and '://' not in name and not Path(name).is_absolute():
-        rule = 'be an absolute path or a package:// address where the description is a text'
-        reader.fail('file', rule, name)
-        return None
+    path = named_file(reader, folder)
     if path is None:
-        reader.fail('file', 'be a file, relative to that of the description', name)
         return None
     status = path.stat()
     try:
         return str(path.resolve()), _read(str(path), status.st_mtime_ns, status.st_size)
     except ModelError as error:
         for finding in error.findings:
-            reader.findings.add(f'{reader.whose}: {name}', finding)
+            reader.findings.add(f'{reader.whose}: {reader.text("file")}', finding)
         return None
 
 

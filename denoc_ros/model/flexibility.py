@@ -13,6 +13,7 @@ from denoc_ros.model.beam_sections import (
     STRAINS,
     BeamSection,
     Profile,
+    SectionAxes,
     StrainLimit,
     at_most_one,
     read_section,
@@ -67,6 +68,9 @@ class BeamElement:
     mass_along: Along = CONSTANT  # shares of mass_per_length, which is the mean
     polar_along: Along = CONSTANT  # shares of polar_inertia, which is the mean
     strain: StrainLimit = NO_LIMIT
+    axes: SectionAxes | None = None  # where sections that are not on the axis lie
+    stretch: Profile | None = None  # EA [N]
+    warping_rigidity: float = 0.0  # E Gamma [N m^4], the largest; 0 where it is not known
 
 
 @dataclass
@@ -112,7 +116,7 @@ def read_flexibility(root: Element, findings: Findings, folder: str = '') -> Fle
     for block in blocks:
         Reader(block, 'flexibility', findings).only((), ELEMENTS)
         for element in block.findall('beam'):
-            _add_beam(element, links, flexibility, findings)
+            _add_beam(element, links, flexibility, folder, findings)
         for element in block.findall('flexible'):
             _add_component_link(element, links, flexibility, folder, findings)
         for element in block.findall('actuator'):
@@ -189,7 +193,7 @@ def _add_actuator(
 
 
 def _add_beam(
-    element: Element, links: set[str], flexibility: Flexibility, findings: Findings
+    element: Element, links: set[str], flexibility: Flexibility, folder: str, findings: Findings
 ) -> None:
     before, link = len(findings.items), element.get('link', '')
     reader = Reader(element, f'beam {link!r}', findings)
@@ -202,15 +206,21 @@ def _add_beam(
     if link in flexibility.flexible_links:
         findings.add(reader.whose, 'link must have one beam, got two')
     flexibility.flexible_links.add(link)
-    beam = _read_beam(reader, link)
+    beam = _read_beam(reader, link, folder)
     if len(findings.items) == before:
         flexibility.beams[link] = beam
 
 
-def _read_beam(reader: Reader, link: str) -> BeamElement:
-    section = read_section(reader)
+def _read_beam(reader: Reader, link: str, folder: str) -> BeamElement:
+    section = read_section(reader, folder=folder)
     length = reader.number('length', 'm', above=0.0)
-    stations = read_stations(reader, length)
+    along = read_stations(reader, length, folder)
+    stations, axes, warping = along.profiles, along.axes, along.warping_rigidity
+    if section is not None:
+        axes, warping = section.section.axes, section.warping_rigidity
+    origin = _read_origin(reader)
+    if axes is not None and axes.straight:  # a beam along the principal axes
+        origin, axes = origin @ axes.pose, None
     mass_per_length = None if section is None else section.mass_per_length
     if 'mass_per_length' in stations:
         mass_per_length = stations['mass_per_length'][0]
@@ -225,7 +235,7 @@ def _read_beam(reader: Reader, link: str) -> BeamElement:
     torsion, polar_inertia = _read_torsion(reader, section, stations, segments)
     return BeamElement(
         link,
-        _read_origin(reader),
+        origin,
         length,
         mass_per_length,
         polar_inertia,
@@ -237,6 +247,9 @@ def _read_beam(reader: Reader, link: str) -> BeamElement:
         mass_along=stations.get('mass_per_length', (0.0, CONSTANT))[1],
         polar_along=stations.get('polar_inertia', (0.0, CONSTANT))[1],
         strain=read_strain_limit(reader, section),
+        axes=axes,
+        stretch=stations.get('ea'),
+        warping_rigidity=warping,
     )
 
 

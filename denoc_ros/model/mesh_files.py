@@ -1,4 +1,4 @@
-"""Paths of the mesh files that a URDF names."""
+"""Paths of the files that a URDF names: meshes, reduced links, outlines."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from typing import Any
 import trimesh
 
 from denoc_ros.errors import ModelError
+from denoc_ros.model.findings import Reader
 
 
 def mesh_file(name: str, folder: Path | None) -> Path | None:
@@ -26,6 +27,29 @@ def mesh_file(name: str, folder: Path | None) -> Path | None:
         folder, with and without its name: descriptions are moved about without their package.
     """
     return next((path for path in _candidates(name, folder) if path.is_file()), None)
+
+
+def named_file(reader: Reader, folder: str) -> Path | None:
+    """Return the file of an attribute `file`, None with a finding.
+
+    Parameters
+    ----------
+    reader : Reader
+    folder : str
+        Of the description's file; '' of a text, where it must be an absolute path or a
+        `package://` address.
+    """
+    name = reader.text('file')
+    if not name:
+        return None
+    if not folder and '://' not in name and not Path(name).is_absolute():
+        rule = 'be an absolute path or a package:// address where the description is a text'
+        reader.fail('file', rule, name)
+        return None
+    path = mesh_file(name, Path(folder) if folder else None)
+    if path is None:
+        reader.fail('file', 'be a file, relative to that of the description', name)
+    return path
 
 
 def _candidates(name: str, folder: Path | None) -> Iterator[Path]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,8 @@ Rows = NDArray[np.signedinteger[Any]]
 ASYMMETRY = 1e-6  # of the largest entry: what rounding to the digits of a text file leaves
 PARALLEL = 1e-3  # of a patch's size across its longest line: less is a line, which turns freely
 OFF = 0.5  # of the body's size: a frame farther off is not of it
+SLICES = 24  # at most, along the line
+FEWEST = 4  # places of a slice
 ANISOTROPY = 0.01  # of the mass, between directions: more is told
 
 
@@ -71,6 +74,11 @@ class FiniteElementBody:
                 findings.append(f'{rule}, got {lowest:.3g}')
         ModelError.raise_any(self.where, findings)
 
+    @property
+    def places(self) -> Array:
+        """Places (n, 3) that `measure` and `displacement` are of: the nodes [m]."""
+        return self.nodes
+
     @cached_property
     def measure(self) -> Any:
         """Mass of the displacements as a scalar measure (n, n) [kg]: the mean of x, y and z."""
@@ -96,6 +104,30 @@ class FiniteElementBody:
         moves = self.dof_axes < 3
         found[moves] = displacement[self.dof_nodes[moves], self.dof_axes[moves]]
         return found
+
+    def slices(self, along: Array) -> list[Rows]:
+        """Return the places of each slice across a line, by their x (n,) along it [m].
+
+        Slices are quantiles, of enough places each.
+        """
+        count = int(np.clip(len(along) // (4 * FEWEST), 2, SLICES))
+        edges = np.unique(np.quantile(along, np.linspace(0.0, 1.0, count + 1)))
+        return [np.flatnonzero((along >= low) & (along <= high)) for low, high in pairwise(edges)]
+
+    def line(self, patches: Sequence[Patch]) -> tuple[Array, Array]:
+        """Return the ends (3,) of the line that the body lies along: root and last frame [m]."""
+        return patches[0].origin, patches[-1].origin
+
+    def strain(self, place: Array, direction: Array) -> Array:
+        """Return the strain at a place in a direction, (N,) per unit of each row.
+
+        Raises
+        ------
+        ModelError
+            For a body whose elements are not known.
+        """
+        rule = 'strain points must have elements, got matrices alone'
+        raise ModelError(self.where, [rule])
 
     def doubts(self) -> list[str]:
         """Return a warning for a mass that differs between directions."""

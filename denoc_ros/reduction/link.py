@@ -93,7 +93,8 @@ def reduce_link(
     """
     craigs = reduce_body(body, patches, wishes.modes, lambda share: report(0.7 * share))
     found = link_modes(craigs, wishes.modes, wishes.tip_mass)
-    modes = body.displacement(craigs.expand(found.coordinates))
+    values = craigs.expand(found.coordinates)
+    modes = body.displacement(values)
     quadratic = _quadratic(solid, craigs, found, wishes, lambda s: report(0.7 + 0.25 * s))
     points = _points(body, modes, quadratic)
     second = points[:, :4].T @ points[:, :4]
@@ -115,7 +116,7 @@ def reduce_link(
             for k, patch in enumerate(patches[1:])
         },
         damping_ratio=np.full(wishes.modes, wishes.damping_ratio),
-        strain=_gauges(body.where, solid, modes, wishes.gauges),
+        strain=_gauges(body, solid, values, wishes.gauges),
         surface=None if solid is None else _surface(solid, modes),
         frequencies=found.frequencies,
         frequencies_left_out=found.left_out,
@@ -144,8 +145,7 @@ def _quadratic(
         return Quadratic.none(craigs.body, len(craigs.patches) - 1)
     if wishes.quadratic == 'derivatives' and solid is not None:
         return modal_derivatives(solid, craigs, found.coordinates, found.stiffness, report)
-    root, tip = craigs.patches[0].origin, craigs.patches[-1].origin
-    return foreshortening(craigs.body, craigs, found.coordinates, found.stiffness, root, tip)
+    return foreshortening(craigs.body, craigs, found.coordinates, found.stiffness)
 
 
 def _points(body: FiniteElementBody, modes: Array, quadratic: Quadratic) -> Array:
@@ -154,11 +154,11 @@ def _points(body: FiniteElementBody, modes: Array, quadratic: Quadratic) -> Arra
     Quadratic terms are projected on the other functions: what they lose of inertia is of the
     fourth order, and the rows are no more than 4 + 3 m.
     """
-    count = len(body.nodes)
+    count = len(body.places)
     columns = np.hstack(
         [
             np.ones((count, 1)),
-            body.nodes,
+            body.places,
             modes.transpose(0, 2, 1).reshape(count, -1),
             quadratic.nodes.transpose(0, 2, 1).reshape(count, -1),
         ]
@@ -178,17 +178,24 @@ def _points(body: FiniteElementBody, modes: Array, quadratic: Quadratic) -> Arra
 
 
 def _gauges(
-    where: str,
+    body: FiniteElementBody,
     solid: Solid | None,
-    modes: Array,
+    values: Array,
     gauges: Mapping[str, tuple[Array, Array]],
 ) -> dict[str, StrainPoint]:
-    """Return strain points at the surface's vertices next to where they are wished."""
-    if gauges and solid is None:
-        rule = 'strain points must have elements, got matrices alone'
-        raise ModelError(where, [rule])
-    if not gauges or solid is None:
+    """Return strain points; of a solid at the surface's vertices next to where they are wished."""
+    if solid is None:
+        return {
+            name: StrainPoint(
+                place,
+                direction / np.linalg.norm(direction),
+                body.strain(place, direction) @ values,
+            )
+            for name, (place, direction) in gauges.items()
+        }
+    if not gauges:
         return {}
+    modes = body.displacement(values)
     strain = np.stack([solid.strain(modes[:, :, k]) for k in range(modes.shape[2])], axis=2)
     vertices = np.unique(solid.faces)
     size = float(np.ptp(solid.nodes, axis=0).max())
@@ -197,7 +204,7 @@ def _gauges(
         far = np.linalg.norm(solid.nodes[vertices] - place, axis=1)
         if far.min() > 0.1 * size:
             rule = f'strain point {name!r} must be on the surface'
-            raise ModelError(where, [f'{rule}, got one {far.min():.3g} m off it'])
+            raise ModelError(body.where, [f'{rule}, got one {far.min():.3g} m off it'])
         at = vertices[int(np.argmin(far))]
         d = direction / np.linalg.norm(direction)
         row = np.array([d[0] ** 2, d[1] ** 2, d[2] ** 2])

@@ -6,7 +6,6 @@ Without it a link that spins is too soft, and the more the faster it spins.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 
@@ -15,8 +14,6 @@ from denoc_ros.reduction.craig_bampton import Craigs, Report
 from denoc_ros.reduction.elements import Solid
 from denoc_ros.types import Array
 
-SLICES = 24  # at most, along the line
-FEWEST = 4  # nodes of a slice
 SHARED = 1.0 / 3.0  # of a second derivative's part within the modes: see Notes
 NEGLIGIBLE = 1e-3  # of the largest pair, at amplitudes of equal energy
 
@@ -38,7 +35,7 @@ class Quadratic:
         """Return one without terms."""
         empty = np.zeros((0, 2), dtype=np.int64)
         zeros = [np.zeros((3, 0))] * frames
-        return cls(empty, np.zeros((len(body.nodes), 3, 0)), zeros, 'none')
+        return cls(empty, np.zeros((len(body.places), 3, 0)), zeros, 'none')
 
 
 def modal_derivatives(
@@ -97,8 +94,6 @@ def foreshortening(
     craigs: Craigs,
     coordinates: Array,
     stiffness: Array,
-    root: Array,
-    tip: Array,
 ) -> Quadratic:
     """Second-order displacement of a slender link whose slices across its line stay rigid.
 
@@ -109,8 +104,6 @@ def foreshortening(
     coordinates : ndarray (6 F + k, m)
         The modes.
     stiffness : ndarray (m,)
-    root, tip : ndarray (3,)
-        Ends of the line [m].
 
     Notes
     -----
@@ -118,23 +111,22 @@ def foreshortening(
     a point at rho from it moves along it by -1/2 int theta_across^2 dx, and by the second-order
     part of the turn, 1/2 theta x (theta x rho).
     """
+    root, tip = body.line(craigs.patches)
     line = (tip - root) / np.linalg.norm(tip - root)
     modes = body.displacement(craigs.expand(coordinates))
-    along = (body.nodes - root) @ line
-    edges = _edges(along)
+    along = (body.places - root) @ line
     stations, turns, centres = [], [], []
-    for low, high in pairwise(edges):
-        inside = np.flatnonzero((along >= low) & (along <= high))
-        centre = body.nodes[inside].mean(axis=0)
+    for inside in body.slices(along):
+        centre = body.places[inside].mean(axis=0)
         stations.append(float(along[inside].mean()))
         centres.append(centre)
-        turns.append(_turn(body.nodes[inside] - centre, modes[inside]))
+        turns.append(_turn(body.places[inside] - centre, modes[inside]))
     x = np.array(stations)
     turn = np.stack(turns)  # (s, 3, m)
     across = turn - np.einsum('a,b,sbm->sam', line, line, turn)
     count = turn.shape[2]
     pairs = [(j, k) for j in range(count) for k in range(j, count)]
-    points = np.vstack([body.nodes, *(patch.origin[None] for patch in craigs.patches[1:])])
+    points = np.vstack([body.places, *(patch.origin[None] for patch in craigs.patches[1:])])
     along = (points - root) @ line
     at_points = _interpolated(x, turn, along)
     arm = points - _interpolated(x, np.stack(centres), along)
@@ -143,7 +135,7 @@ def foreshortening(
         rate = np.einsum('sa,sa->s', across[:, :, j], across[:, :, k])
         second = turned_twice(at_points[:, :, j], at_points[:, :, k], arm)
         found.append(second - _integral(x, rate, along)[:, None] * line)
-    nodes, frames = np.split(np.stack(found, axis=2), [len(body.nodes)])
+    nodes, frames = np.split(np.stack(found, axis=2), [len(body.places)])
     return _kept(pairs, nodes, frames, stiffness, body, 'line')
 
 
@@ -171,13 +163,6 @@ def _kept(
         [frame[:, kept] for frame in frames],
         kind,
     )
-
-
-def _edges(along: Array) -> Array:
-    """Return slices with enough nodes each: quantiles where nodes are few."""
-    count = int(np.clip(len(along) // (4 * FEWEST), 2, SLICES))
-    edges = np.quantile(along, np.linspace(0.0, 1.0, count + 1))
-    return np.asarray(np.unique(edges))
 
 
 def _turn(arm: Array, moved: Array) -> Array:
