@@ -92,6 +92,9 @@ SECTIONS = ['sectionproperties>=3.3', 'shapely>=2', 'networkx>=3', 'rtree>=1']
 # Nastran's output4 files
 NASTRAN = ['pyyeti>=1.4']
 
+# Ansys' .full and .rst files
+ANSYS = ['ansys-mapdl-reader>=0.53']
+
 # linear models for python-control's tools
 CONTROL = ['control>=0.10']
 
@@ -139,8 +142,10 @@ setup(
         'mujoco': MUJOCO,
         'reduce': REDUCE,
         'nastran': NASTRAN,
+        'ansys': ANSYS,
         'sections': SECTIONS,
         'test': [
+            *ANSYS,
             *CLUSTER,
             *CONTROL,
             *DOCS,

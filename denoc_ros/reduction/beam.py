@@ -242,7 +242,7 @@ class _Shapes:
 
         def of_centroid(values: Array) -> Array:
             turned = centroid_z * ends(values, TURN_Y) - centroid_y * ends(values, TURN_Z)
-            return ends(values, X) + turned
+            return np.asarray(ends(values, X) + turned)
 
         return cls(
             of_centroid(rate),

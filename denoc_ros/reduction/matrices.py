@@ -5,15 +5,20 @@
 `.mtx`: MatrixMarket (Ansys writes it: `*EXPORT, …, MMF`), rows as before; or Abaqus' `*MATRIX
 GENERATE`, which says node and direction of each entry.
 `.sti`, `.mas`, `.dof`: CalculiX, `*FREQUENCY, SOLVER=MATRIXSTORAGE`.
-`.op4`: Nastran, by pyyeti; rows are six of each node, in the order of the nodes' numbers.
+`.op4`: Nastran, by pyyeti; rows are six of each node, in the order of the nodes' numbers, or the
+analysis set that an `.op2` file with the nodes says.
+`.full`: Ansys, by ansys-mapdl-reader; nodes in an `.rst` file or a table.
 
 Numbers only are read: nothing in a file is ever executed.
 """
 
 from __future__ import annotations
 
+import contextlib
+import io
+import warnings
 import zipfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -27,7 +32,7 @@ from denoc_ros.errors import ModelError
 from denoc_ros.reduction.body import FiniteElementBody
 from denoc_ros.types import Array
 
-FORMATS = ('.npz', '.mtx', '.sti', '.op4')
+FORMATS = ('.npz', '.mtx', '.sti', '.op4', '.full')
 MOST_BYTES = 4 << 30  # of a file, or of the arrays of an archive
 MARKET = b'%%MatrixMarket'
 Rows = NDArray[np.int64]
@@ -67,6 +72,7 @@ def read_matrices(
         '.mtx': _read_text,
         '.sti': _read_calculix,
         '.op4': _read_nastran,
+        '.full': _read_ansys,
     }
     for file in (stiffness, *(Path(name) for name in (mass, nodes) if name)):
         if not file.is_file():
@@ -211,21 +217,28 @@ def _market(file: Path) -> Any:
 def _read_abaqus(file: Path, mass: Path, table: _Nodes) -> FiniteElementBody:
     """Return a body of node, direction, node, direction, value; one triangle of each matrix."""
     entries = [_table(each, 5) for each in (file, mass)]
-    order = {int(number): k for k, number in enumerate(table.numbers)}
     ends = np.vstack([e[:, part] for e in entries for part in (slice(0, 2), slice(2, 4))])
     keys = [(int(node), int(direction)) for node, direction in np.unique(ends, axis=0)]
-    unknown = [node for node, _ in keys if node not in order]
-    if unknown:
-        rule = 'each node must be in the table of nodes'
-        raise ModelError(str(file), [f'{rule}, got node {unknown[0]}, which is not'])
-    if any(not 1 <= direction <= 6 for _, direction in keys):
-        raise ModelError(str(file), ['directions must be 1 to 6, got others'])
     row = {key: k for k, key in enumerate(keys)}
     both = []
     for e in entries:
         first = [row[int(n), int(d)] for n, d in e[:, :2]]
         second = [row[int(n), int(d)] for n, d in e[:, 2:4]]
         both.append(_both_triangles(np.array(first), np.array(second), e[:, 4], len(keys)))
+    return _keyed(file, file, table, keys, both)
+
+
+def _keyed(
+    file: Path, keyed: Path, table: _Nodes, keys: Sequence[tuple[int, int]], both: Sequence[Any]
+) -> FiniteElementBody:
+    """Return a body of stiffness and mass whose rows are (number of a node, direction 1 to 6)."""
+    order = {int(number): k for k, number in enumerate(table.numbers)}
+    unknown = [node for node, _ in keys if node not in order]
+    if unknown:
+        rule = 'each node must be in the table of nodes'
+        raise ModelError(str(keyed), [f'{rule}, got node {unknown[0]}, which is not'])
+    if any(not 1 <= direction <= 6 for _, direction in keys):
+        raise ModelError(str(keyed), ['directions must be 1 to 6, got others'])
     used = sorted({node for node, _ in keys}, key=order.__getitem__)
     place = {node: k for k, node in enumerate(used)}
     return _trimmed(
@@ -234,8 +247,8 @@ def _read_abaqus(file: Path, mass: Path, table: _Nodes) -> FiniteElementBody:
             table.places[[order[node] for node in used]],
             both[0],
             both[1],
-            np.array([place[node] for node, _ in keys]),
-            np.array([direction - 1 for _, direction in keys]),
+            np.array([place[node] for node, _ in keys], dtype=np.int64),
+            np.array([direction - 1 for _, direction in keys], dtype=np.int64),
         )
     )
 
@@ -274,25 +287,12 @@ def _read_calculix(file: Path, mass: Path | None, nodes: Path | None) -> FiniteE
             rule = f'rows must be 1 to {size}, those of {directions.name}'
             raise ModelError(str(each), [f'{rule}, got others'])
         both.append(_both_triangles(row, column, entries[:, 2], size))
-    order = {int(number): k for k, number in enumerate(table.numbers)}
-    unknown = [node for node, _ in pairs if node not in order]
-    if unknown:
-        rule = 'each node must be in the table of nodes'
-        raise ModelError(str(directions), [f'{rule}, got node {unknown[0]}, which is not'])
-    used = sorted({node for node, _ in pairs}, key=order.__getitem__)
-    place = {node: k for k, node in enumerate(used)}
-    at = np.array([place[node] for node, _ in pairs], dtype=np.int64)
-    axes = np.array([direction - 1 for _, direction in pairs], dtype=np.int64)
-    return _trimmed(
-        FiniteElementBody(
-            str(file), table.places[[order[node] for node in used]], both[0], both[1], at, axes
-        )
-    )
+    return _keyed(file, directions, table, pairs, both)
 
 
 def _read_nastran(file: Path, mass: Path | None, nodes: Path | None) -> FiniteElementBody:
     if nodes is None:
-        raise _lacks(file, 'nodes', '--nodes FILE with number, x, y, z')
+        raise _lacks(file, 'nodes', '--nodes FILE with number, x, y, z, or an .op2 file')
     found = _op4(file)
     if mass is not None:
         found |= _op4(mass)
@@ -303,17 +303,120 @@ def _read_nastran(file: Path, mass: Path | None, nodes: Path | None) -> FiniteEl
             rule = f'one matrix must be the {name}, named {first}…'
             raise ModelError(str(file), [f'{rule}, got {", ".join(found) or "none"}'])
         both.append(found[names[0]])
+    if nodes.suffix.lower() == '.op2':
+        return _of_sets(file, nodes, both)
     table = _node_table(nodes)
     order = np.argsort(table.numbers)
     return _whole(str(file), table.places[order], *both)
+
+
+def _of_sets(file: Path, nodes: Path, both: Sequence[Any]) -> FiniteElementBody:
+    """Return a body whose nodes, and the rows of its analysis set, an output2 file says."""
+    try:
+        from pyyeti.nastran import n2p, op2
+    except ImportError as error:
+        raise _no_reader(nodes, 'Nastran', 'pyyeti', 'nastran', error) from error
+    try:
+        with contextlib.redirect_stdout(io.StringIO()), op2.OP2(str(nodes)) as opened:
+            sets = opened.rdn2cop2()['uset']
+        uset = sets[0] if 0 in sets else next(iter(sets.values()))
+        analysis = np.asarray(n2p.mksetpv(uset, 'p', 'a'))
+    except Exception as error:  # torn files end in errors of many kinds
+        got = str(error) or type(error).__name__
+        rule = 'the file must be an output2 file with BGPDT, EQEXIN and USET'
+        raise ModelError(str(nodes), [f'{rule}, got: {got}']) from error
+    values = uset[['x', 'y', 'z']].to_numpy(dtype=np.float64)
+    names = uset.index.get_level_values('id').to_numpy(dtype=np.int64)
+    directions = uset.index.get_level_values('dof').to_numpy(dtype=np.int64)
+    size = both[0].shape[0]
+    kept = np.full(len(uset), True) if size == len(uset) else analysis
+    if size != kept.sum():
+        rule = f'matrices must have {len(uset)} rows (g-set) or {int(analysis.sum())} (a-set)'
+        raise ModelError(str(file), [f'{rule} as {nodes.name} says, got {size}'])
+    if (directions[kept] == 0).any():
+        rule = 'rows must be of nodes alone'
+        count = int((directions[kept] == 0).sum())
+        raise ModelError(str(file), [f'{rule}, got {count} of scalar points'])
+    first = np.flatnonzero(directions == 1)
+    # the second row of a node has its output coordinate system: number, type
+    systems = values[first + 1, 0]
+    if systems.any():
+        rule = "displacements must be in the basic system (GRID's CD empty)"
+        at = int(names[first][np.flatnonzero(systems)[0]])
+        raise ModelError(str(nodes), [f'{rule}, got node {at} in another'])
+    table = _Nodes(names[first], values[first])
+    keys = list(zip(names[kept].tolist(), directions[kept].tolist(), strict=True))
+    return _keyed(file, file, table, keys, both)
+
+
+def _no_reader(
+    file: Path, program: str, package: str, extra: str, error: ImportError
+) -> ModelError:
+    rule = f"{program}'s files must be read with {package}: pip install 'denoc_ros[{extra}]'"
+    return ModelError(str(file), [f'{rule}, got: {error}'])
+
+
+def _read_ansys(file: Path, mass: Path | None, nodes: Path | None) -> FiniteElementBody:
+    if mass is not None:
+        raise ModelError(str(file), ['--mass-matrix must be left out: a .full file has both'])
+    if nodes is None:
+        raise _lacks(file, 'nodes', '--nodes FILE.rst, or with number, x, y, z')
+    keys, both, constrained = ansys_matrices(file)
+    if constrained:
+        rule = 'matrices must have no constraint'
+        got = f'{constrained} constrained rows, which Ansys leaves out'
+        raise ModelError(str(file), [f'{rule}, got {got}: write it without displacement loads'])
+    if nodes.suffix.lower() == '.rst':
+        mesh = _ansys_file(nodes, 'a result file with its mesh', lambda opened: opened.mesh)
+        numbers, places = np.asarray(mesh.nnum, dtype=np.int64), np.asarray(mesh.nodes)[:, :3]
+        table = _Nodes(numbers, np.asarray(places, dtype=np.float64))
+    else:
+        table = _node_table(nodes)
+    return _keyed(file, file, table, keys, both)
+
+
+def ansys_matrices(file: Path) -> tuple[list[tuple[int, int]], list[Any], int]:
+    """Return the rows, stiffness and mass of Ansys' `.full` file, and how many are constrained.
+
+    Rows are (number of a node, direction 1 to 6); those constrained are zero.
+    """
+    dof, stiffness, mass, constrained = _ansys_file(
+        file,
+        'a .full file of a structure with stiffness and mass',
+        lambda opened: (*opened.load_km(), len(opened.const)),
+    )
+    findings = [
+        f'{name} must be in the file, got none: MODOPT and PSOLVE write both'
+        for name, matrix in (('stiffness', stiffness), ('mass', mass))
+        if matrix is None
+    ]
+    ModelError.raise_any(str(file), findings)
+    both = [
+        sparse.csr_matrix(m + sparse.triu(m, 1).T) for m in map(sparse.triu, (stiffness, mass))
+    ]
+    return [(int(node), int(axis) + 1) for node, axis in dof], both, constrained
+
+
+def _ansys_file(file: Path, what: str, read: Callable[[Any], Any]) -> Any:
+    """Return what Ansys' reader reads of a file."""
+    try:
+        from ansys.mapdl import reader
+    except ImportError as error:
+        raise _no_reader(file, 'Ansys', 'ansys-mapdl-reader', 'ansys', error) from error
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter('ignore')
+            return read(reader.read_binary(str(file)))
+    except Exception as error:  # torn files end in errors of many kinds
+        got = str(error) or type(error).__name__
+        raise ModelError(str(file), [f'the file must be {what}, got: {got}']) from error
 
 
 def _op4(file: Path) -> dict[str, Any]:
     try:
         from pyyeti.nastran import op4
     except ImportError as error:
-        rule = "Nastran's files must be read with pyyeti: pip install 'denoc_ros[nastran]'"
-        raise ModelError(str(file), [f'{rule}, got: {error}']) from error
+        raise _no_reader(file, 'Nastran', 'pyyeti', 'nastran', error) from error
     try:
         found = op4.read(str(file), sparse=True)
     except Exception as error:  # torn files end in errors of many kinds
