@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.linalg import eigh
 
 from denoc_ros.model.along import Along
-from denoc_ros.model.beam_sections import AXES
+from denoc_ros.model.cross_sections import AXES
 from denoc_ros.model.findings import SMALLEST, Findings
 from denoc_ros.model.flexibility import BeamElement, DeformationElement
 from denoc_ros.model.inertia import (

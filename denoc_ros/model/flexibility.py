@@ -13,7 +13,6 @@ from denoc_ros.model.beam_sections import (
     STRAINS,
     BeamSection,
     Profile,
-    SectionAxes,
     StrainLimit,
     at_most_one,
     read_section,
@@ -21,6 +20,7 @@ from denoc_ros.model.beam_sections import (
     read_strain_limit,
 )
 from denoc_ros.model.component_links import FlexibleElement, read_flexible
+from denoc_ros.model.cross_sections import SectionAxes
 from denoc_ros.model.findings import Element, Findings, Reader
 from denoc_ros.model.rigid_urdf import RigidUrdf
 from denoc_ros.model.sensors import read_inertial_sensor, read_sensor

@@ -16,7 +16,7 @@ from shapely import Polygon
 from shapely.ops import unary_union
 
 from denoc_ros.errors import ModelError
-from denoc_ros.model.beam_sections import CrossSection, SectionAxes
+from denoc_ros.model.cross_sections import CrossSection, SectionAxes
 from denoc_ros.types import Array
 
 FORMATS = ('.dxf', '.csv')

@@ -18,7 +18,7 @@ import scipy.sparse as sparse
 
 from denoc_ros.errors import ModelError
 from denoc_ros.model.along import CONSTANT, Along
-from denoc_ros.model.beam_sections import SectionAxes
+from denoc_ros.model.cross_sections import SectionAxes
 from denoc_ros.model.flexibility import BeamElement, DeformationElement
 from denoc_ros.model.inertia import inverse_transform, moved
 from denoc_ros.model.link_file import LinkFrame

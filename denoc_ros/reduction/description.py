@@ -9,7 +9,7 @@ import numpy as np
 from lxml import etree
 
 from denoc_ros.errors import ConfigError, ModelError
-from denoc_ros.model.beam_sections import SectionAxes
+from denoc_ros.model.cross_sections import SectionAxes
 from denoc_ros.model.findings import Element, Findings, Reader
 from denoc_ros.model.flexibility import BeamElement, read_flexibility
 from denoc_ros.model.mesh_files import mesh_file

@@ -15,8 +15,8 @@ Numbers only are read: nothing in a file is ever executed.
 from __future__ import annotations
 
 import contextlib
+import importlib.util
 import io
-import warnings
 import zipfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -29,6 +29,7 @@ import scipy.sparse as sparse
 from numpy.typing import NDArray
 
 from denoc_ros.errors import ModelError
+from denoc_ros.reduction.apart import arrays_of
 from denoc_ros.reduction.body import FiniteElementBody
 from denoc_ros.types import Array
 
@@ -315,7 +316,7 @@ def _of_sets(file: Path, nodes: Path, both: Sequence[Any]) -> FiniteElementBody:
     try:
         from pyyeti.nastran import n2p, op2
     except ImportError as error:
-        raise _no_reader(nodes, 'Nastran', 'pyyeti', 'nastran', error) from error
+        raise _no_reader(nodes, 'Nastran', 'pyyeti', 'nastran') from error
     try:
         with contextlib.redirect_stdout(io.StringIO()), op2.OP2(str(nodes)) as opened:
             sets = opened.rdn2cop2()['uset']
@@ -349,11 +350,9 @@ def _of_sets(file: Path, nodes: Path, both: Sequence[Any]) -> FiniteElementBody:
     return _keyed(file, file, table, keys, both)
 
 
-def _no_reader(
-    file: Path, program: str, package: str, extra: str, error: ImportError
-) -> ModelError:
+def _no_reader(file: Path, program: str, package: str, extra: str) -> ModelError:
     rule = f"{program}'s files must be read with {package}: pip install 'denoc_ros[{extra}]'"
-    return ModelError(str(file), [f'{rule}, got: {error}'])
+    return ModelError(str(file), [f'{rule}, got no such package'])
 
 
 def _read_ansys(file: Path, mass: Path | None, nodes: Path | None) -> FiniteElementBody:
@@ -367,9 +366,8 @@ def _read_ansys(file: Path, mass: Path | None, nodes: Path | None) -> FiniteElem
         got = f'{constrained} constrained rows, which Ansys leaves out'
         raise ModelError(str(file), [f'{rule}, got {got}: write it without displacement loads'])
     if nodes.suffix.lower() == '.rst':
-        mesh = _ansys_file(nodes, 'a result file with its mesh', lambda opened: opened.mesh)
-        numbers, places = np.asarray(mesh.nnum, dtype=np.int64), np.asarray(mesh.nodes)[:, :3]
-        table = _Nodes(numbers, np.asarray(places, dtype=np.float64))
+        mesh = _ansys_arrays(nodes, 'a result file with its mesh')
+        table = _Nodes(mesh['numbers'], mesh['places'])
     else:
         table = _node_table(nodes)
     return _keyed(file, file, table, keys, both)
@@ -380,43 +378,39 @@ def ansys_matrices(file: Path) -> tuple[list[tuple[int, int]], list[Any], int]:
 
     Rows are (number of a node, direction 1 to 6); those constrained are zero.
     """
-    dof, stiffness, mass, constrained = _ansys_file(
-        file,
-        'a .full file of a structure with stiffness and mass',
-        lambda opened: (*opened.load_km(), len(opened.const)),
-    )
+    found = _ansys_arrays(file, 'a .full file of a structure with stiffness and mass')
     findings = [
         f'{name} must be in the file, got none: MODOPT and PSOLVE write both'
-        for name, matrix in (('stiffness', stiffness), ('mass', mass))
-        if matrix is None
+        for name in ('stiffness', 'mass')
+        if f'{name}/value' not in found
     ]
     ModelError.raise_any(str(file), findings)
-    both = [
-        sparse.csr_matrix(m + sparse.triu(m, 1).T) for m in map(sparse.triu, (stiffness, mass))
-    ]
-    return [(int(node), int(axis) + 1) for node, axis in dof], both, constrained
+    rows, both = found['rows'], []
+    for name in ('stiffness', 'mass'):
+        row, column, value = (found[f'{name}/{key}'] for key in ('row', 'column', 'value'))
+        upper = sparse.coo_matrix((value, (row, column)), shape=(len(rows), len(rows)))
+        both.append(sparse.csr_matrix(upper + sparse.triu(upper, 1).T))
+    keys = [(int(node), int(axis) + 1) for node, axis in rows]
+    return keys, both, int(found['constrained'])
 
 
-def _ansys_file(file: Path, what: str, read: Callable[[Any], Any]) -> Any:
-    """Return what Ansys' reader reads of a file."""
+def _ansys_arrays(file: Path, what: str) -> dict[str, Any]:
+    """Return the numbers of Ansys' file."""
     try:
-        from ansys.mapdl import reader
-    except ImportError as error:
-        raise _no_reader(file, 'Ansys', 'ansys-mapdl-reader', 'ansys', error) from error
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter('ignore')
-            return read(reader.read_binary(str(file)))
-    except Exception as error:  # torn files end in errors of many kinds
-        got = str(error) or type(error).__name__
-        raise ModelError(str(file), [f'the file must be {what}, got: {got}']) from error
+        known = importlib.util.find_spec('ansys.mapdl.reader')
+    except ImportError:
+        known = None
+    if known is None:
+        raise _no_reader(file, 'Ansys', 'ansys-mapdl-reader', 'ansys')
+    script = str(Path(__file__).with_name('ansys_reader.py'))
+    return arrays_of(script, file, str(file), f'the file must be {what}')
 
 
 def _op4(file: Path) -> dict[str, Any]:
     try:
         from pyyeti.nastran import op4
     except ImportError as error:
-        raise _no_reader(file, 'Nastran', 'pyyeti', 'nastran', error) from error
+        raise _no_reader(file, 'Nastran', 'pyyeti', 'nastran') from error
     try:
         found = op4.read(str(file), sparse=True)
     except Exception as error:  # torn files end in errors of many kinds

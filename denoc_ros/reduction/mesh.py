@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import io
-import subprocess
-import sys
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
@@ -18,6 +16,7 @@ from trimesh import Trimesh, triangles
 from denoc_ros.errors import ModelError
 from denoc_ros.model.mesh_files import read_surface
 from denoc_ros.reduction import mesher
+from denoc_ros.reduction.apart import arrays_of
 from denoc_ros.reduction.body import Rows, within
 from denoc_ros.reduction.elements import Elasticity, Solid
 from denoc_ros.types import Array
@@ -119,7 +118,7 @@ def fill(surface: ClosedSurface, edge: float, elasticity: Elasticity) -> Solid:
         raise ModelError(surface.where, [f'{rule}, got {edge:g}'])
     envelope = min(ENVELOPE, THIN_ENVELOPE * surface.wall / diagonal)
     with tempfile.TemporaryDirectory(prefix='denoc-') as folder:
-        given, made = Path(folder, 'surface.npz'), Path(folder, 'tetrahedra.npz')
+        given = Path(folder, 'surface.npz')
         np.savez(
             given,
             vertices=np.asarray(surface.mesh.vertices, dtype=np.float64),
@@ -127,18 +126,10 @@ def fill(surface: ClosedSurface, edge: float, elasticity: Elasticity) -> Solid:
             edge=edge,
             envelope=max(envelope, LEAST_ENVELOPE),
         )
-        command = [sys.executable, mesher.__file__, str(given), str(made)]
-        ended = subprocess.run(
-            command, cwd=folder, stdin=subprocess.DEVNULL, capture_output=True, check=False
-        )
-        if ended.returncode or not made.is_file():
-            *_, last = [b'no word', *ended.stderr.strip().splitlines()]
-            got = f'status {ended.returncode}: {last.decode(errors="replace")}'
-            rule = 'mesh must be one that the mesher can fill'
-            raise ModelError(surface.where, [f'{rule}, got {got}'])
-        with np.load(made, allow_pickle=False) as tetra:
-            corners, tetrahedra = tetra['corners'], tetra['tetrahedra']
-    return Solid(surface.where, corners, np.asarray(tetrahedra, dtype=np.int64), elasticity)
+        rule = 'mesh must be one that the mesher can fill'
+        made = arrays_of(mesher.__file__, given, surface.where, rule)
+    tetrahedra = np.asarray(made['tetrahedra'], dtype=np.int64)
+    return Solid(surface.where, made['corners'], tetrahedra, elasticity)
 
 
 def volume_doubts(surface: ClosedSurface, solid: Solid) -> list[str]:

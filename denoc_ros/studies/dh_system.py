@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from denoc_ros.errors import ConfigError
-from denoc_ros.model.beam_sections import round_section
+from denoc_ros.model.cross_sections import round_section
 from denoc_ros.model.findings import Findings, finite
 from denoc_ros.model.flexibility import MOST_MODES
 from denoc_ros.model.shapes import SHAPES

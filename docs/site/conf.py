@@ -18,6 +18,7 @@ sys.path[:0] = [str(HERE), str(HERE.parents[1])]
 # what docs.ros.org has no package of: autodoc stands in for it
 NEEDED = ('numba', 'llvmlite', 'yourdfpy', 'mcap', 'zstandard', 'rosbags', 'trimesh', 'clarabel')
 NEEDED += ('lz4', 'ruamel', 'rich', 'websockets', 'skfem', 'pytetwild', 'pymetis', 'meshio')
+NEEDED += ('sectionproperties', 'shapely', 'ansys', 'pyyeti')
 NEEDED += ('viser', 'imageio_ffmpeg', 'distributed', 'pyarrow', 'control', 'openpyxl', 'mujoco')
 NEEDED += ('rclpy', 'builtin_interfaces', 'rcl_interfaces', 'rosgraph_msgs', 'std_msgs')
 NEEDED += ('sensor_msgs', 'geometry_msgs', 'nav_msgs', 'trajectory_msgs', 'visualization_msgs')

@@ -14,7 +14,7 @@ from trimesh.path.exchange.misc import polygon_to_path
 
 import denoc_ros as dn
 from denoc_ros.errors import ModelError
-from denoc_ros.model.beam_sections import (
+from denoc_ros.model.cross_sections import (
     CrossSection,
     rectangle_section,
     rectangle_torsion_constant,

@@ -18,7 +18,7 @@ from pyyeti.nastran import op4
 from scipy.linalg import eigh
 
 from denoc_ros.errors import ModelError
-from denoc_ros.model.beam_sections import rectangle_torsion_constant
+from denoc_ros.model.cross_sections import rectangle_torsion_constant
 from denoc_ros.reduction import matrices
 from denoc_ros.reduction.matrices import ansys_matrices, read_matrices
 from denoc_ros.types import Array
@@ -111,7 +111,7 @@ def test_bad_ansys_files_are_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
 
 
 @pytest.mark.parametrize(
-    ('module', 'extra'), [('pyyeti.nastran', 'nastran'), ('ansys.mapdl', 'ansys')]
+    ('module', 'extra'), [('pyyeti.nastran', 'nastran'), ('ansys.mapdl.reader', 'ansys')]
 )
 def test_a_missing_reader_names_its_extra(
     module: str, extra: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

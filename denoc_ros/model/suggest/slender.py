@@ -11,7 +11,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 from denoc_ros.model.along import CONSTANT, Along, mean_and_along, sample_shares
-from denoc_ros.model.beam_sections import (
+from denoc_ros.model.cross_sections import (
     CrossSection,
     rectangle_section,
     rectangle_tube_section,
