@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import scipy.linalg
@@ -56,6 +56,9 @@ class DeviationModel:
     measured: Array
     tip: Array
     stiff: Array
+    _sampled: dict[tuple[float, float], DiscreteModel] = field(
+        init=False, repr=False, compare=False, default_factory=dict
+    )
 
     @property
     def size(self) -> int:
@@ -81,11 +84,13 @@ class DeviationModel:
 
     def sampled(self, period: float, delay: float) -> DiscreteModel:
         """Return y under torques of the driven joints that act `delay` later and are held."""
-        k, linear = self.joints, self.linear
-        driven = replace(
-            linear, b=linear.b[:, :k], d=linear.d[:, :k], input_names=linear.input_names[:k]
-        )
-        return driven.discrete(period, delay)
+        if (period, delay) not in self._sampled:
+            k, linear = self.joints, self.linear
+            driven = replace(
+                linear, b=linear.b[:, :k], d=linear.d[:, :k], input_names=linear.input_names[:k]
+            )
+            self._sampled[period, delay] = driven.discrete(period, delay)
+        return self._sampled[period, delay]
 
     def disturbed(self, period: float, correlation: float) -> Array:
         """Return the transition over a period of [y; forces], forces that fade slowly."""

@@ -218,11 +218,9 @@ class LinearModel(Signals):
         if part <= SLACK * period:
             part = 0.0
         s, m = self.b.shape
-        a, late = _held(self.a, self.b, period)
-        early = np.zeros_like(late)
-        if part:
-            _, late = _held(self.a, self.b, period - part)
-            early = _held(self.a, self.b, period)[1] - late
+        a, held = _held(self.a, self.b, period)
+        late = _held(self.a, self.b, period - part)[1] if part else held
+        early = held - late
         past = whole + bool(part)
         # what acts at the end of a period is x, u[k - past], ..., u[k - 1], u[k]
         row = np.zeros((s, s + (past + 1) * m))

@@ -61,6 +61,7 @@ html_static_path = [str(HERE / 'static')]
 html_css_files = ['site.css']
 html_math_renderer = 'mathml'
 html_copy_source = False
+html_show_copyright = False
 
 rosdoc2_settings = {
     'enable_autodoc': False,

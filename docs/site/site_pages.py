@@ -23,7 +23,7 @@ from docutils import nodes
 from docutils.utils.math.latex2mathml import tex2mathml
 from sphinx.application import Sphinx
 from sphinx.config import Config
-from sphinx.ext.autodoc.mock import mock
+from sphinx.ext.autodoc.mock import ismock, mock
 from sphinx.pycode import ModuleAnalyzer
 
 import denoc_ros
@@ -223,7 +223,7 @@ def write_reference(folder: Path, rooms: Mapping[str, str]) -> None:
         '.. autosummary::',
         '   :nosignatures:',
         '',
-        *(f'   denoc_ros.{name}' for name in names),
+        *(f'   ~denoc_ros.{name}' for name in names),
         '',
     ]
     for name in names:
@@ -308,6 +308,21 @@ def plain_words(
                 literal = indent
 
 
+def plain_aliases(
+    _app: Sphinx,
+    _kind: str,
+    _name: str,
+    _of: Any,
+    _options: Any,
+    given: str | None,
+    back: str | None,
+) -> tuple[str | None, ...]:
+    """Return a signature with the names of aliases, also where these stand in other types."""
+    return tuple(
+        text and re.sub(r"TypeAliasForwardRef\('(\w+)'\)", r'\1', text) for text in (given, back)
+    )
+
+
 @cache
 def definitions(module: str) -> dict[str, int]:
     """Return the line of each class and function of a module, by its qualified name."""
@@ -336,7 +351,7 @@ def source_link(module: str, name: str) -> str | None:
     found = getattr(found, 'fget', None) or getattr(found, '__func__', found)
     home = str(getattr(found, '__module__', None) or module)
     qualified = str(getattr(found, '__qualname__', name))
-    if not home.startswith('denoc_ros'):  # inherited, or a value
+    if not home.startswith('denoc_ros') or ismock(found):  # inherited, a value or a stand-in
         home, qualified = module, name
     line = definitions(home).get(qualified)
     return line and f'../source/{home}.html#L{line}'
@@ -418,5 +433,6 @@ def setup(app: Sphinx) -> dict[str, bool]:
     app.add_html_math_renderer('mathml', (show_mathml, None), (show_mathml_block, None))
     app.connect('config-inited', write_pages)
     app.connect('autodoc-process-docstring', plain_words, priority=400)
+    app.connect('autodoc-process-signature', plain_aliases)
     app.connect('doctree-read', draw_layers)
     return {'parallel_read_safe': True, 'parallel_write_safe': True}
