@@ -29,7 +29,6 @@ AGEING = 0.02  # weight of the newest values' age in the usual one
 BRIEF = 0.025  # s of a pause that leaves no more than the gains of every period undo
 DOUBTED = 0.3  # of what held torque did in a pause: so far the model may be off
 BEGINS = 1.0  # s in which an estimate that begins may contradict all sensors
-UNDONE = 0.05  # s after a sensor was found faulty in which the estimate without it acts
 REGAIN = 0.2  # s of good values until the estimate is believed again
 
 
@@ -107,7 +106,6 @@ class DeviationFilter:
         self._plan, self._own = StateHistory(HISTORY, seen), StateHistory(HISTORY, seen)
         self._slot = {int(place): 2 * self._k + at for at, place in enumerate(self._sensors)}
         self._pause: Pause | None = None
-        self._fault_at = -np.inf
         self.errors: ErrorEstimate | None = None
         if schedule.errors is not None:
             checked = len(values) if is_hardened(robot, names) else 0
@@ -259,7 +257,7 @@ class DeviationFilter:
         since = stamp - 0.5 * self._period
         if errors is not None and not self.blind:
             learns = self.believed or bool(errors.faulty.any())
-            time = self.time if learns else None
+            time = self.time if learns and not errors.suspected else None
             errors.take(gains, self._surprise, at, good, self._values, since, time)
             good = good & errors.heard
         at = at[good[at]]
@@ -282,7 +280,7 @@ class DeviationFilter:
             errors.forget_innovations()
         if not errors.find_faults(now, gains):
             return
-        before, self._fault_at = gains.measured @ self.state, now
+        before = gains.measured @ self.state
         self.state[:] = errors.estimate
         seen = gains.measured @ self.state
         self._own.since(-np.inf)[1][:] += seen - before
@@ -397,6 +395,8 @@ class DeviationFilter:
         """Decide whether to believe the estimate, and whether to hear the sensors."""
         age = now - self._good_at
         age[self._k : 2 * self._k] = 0.0  # rates need not be measured
+        if self.errors is not None:
+            age[~self.errors.heard] = 0.0  # nothing good is to be expected of a faulty sensor
         cause = ''
         if not np.abs(self.state[: self._deviations]).max() < LARGEST:  # NaN is no less
             self.state[:], self._fresh, self._unbiased[:] = 0.0, True, True
@@ -413,9 +413,10 @@ class DeviationFilter:
         elif self.errors is not None and self.errors.faulty.any():
             first = self._names[int(np.argmax(self.errors.faulty))]
             self.cause = f'{first} contradicts the other measurements'
-            # first undo what the torque has made of that sensor
-            self.believed = self.believed and now - self._fault_at <= UNDONE
-            self._doubted_at = now
+            self.believed, self._doubted_at = False, now
+        elif self.errors is not None and self.errors.suspected:
+            self.cause = 'sensors contradict each other'
+            self.believed, self._doubted_at = False, now
         elif not self.believed:
             if not agrees[2 * self._k :].all():
                 self._doubted_at = now

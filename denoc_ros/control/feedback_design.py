@@ -29,7 +29,7 @@ BIAS_TIME = 1e5  # s over which a bias stays alike: Gauss-Markov
 TURNING = 10.0
 # factor of a gauge's noise in the filter: modes that the design does not have are noise in it
 STRAINING = 10.0
-KNOWN = 0.25  # share of the model's error that is left where stiffness and load are estimated
+KNOWN = 0.125  # share of the model's error that is left where stiffness and load are estimated
 BLIND = 30.0  # factor of the joints' noise in the filter by joints alone, which needs no speed
 DEFLECTION = 0.15  # of a beam's length, beyond which a deviation is no robot's that has a plan
 LEAST_TORQUE = 1e-3  # of the effort limit, that is never known

@@ -54,7 +54,8 @@ from denoc_ros.types import Array
 Int = NDArray[np.intp]
 
 POSTURES = 17  # postures of a plan at which stability is shown, at most
-LOWER = (1.0, 2.0, 4.0, 8.0)  # factors of the errors until the loop is stable
+# factors of the errors, and of the time of integrals, until the loop is stable
+LOWER = ((1.0, 1.0), (1.0, 4.0), (2.0, 4.0), (4.0, 4.0), (8.0, 8.0))
 LOWERED = ('tip_error', 'tip_turn', 'joint_error', 'integral_time')  # times these factors
 OTHERS = ', and with other modes of the links'
 # Hz: modes that are faster count as damped by so much more, so that no gain is spent on them
@@ -263,8 +264,9 @@ def design(
         fine = noise_of(robot, len(joints), values, limits, settings, FINE)
     if hard:  # what moves faster is left to the joints' own feedback
         models = [model.damped(LEFT_ALONE, MORE_DAMPED) for model in models]
-    for factor in LOWER if hard else LOWER[:1]:
-        lower = replace(settings, **{name: factor * getattr(settings, name) for name in LOWERED})
+    for factor, slower in LOWER if hard else LOWER[:1]:
+        factors = dict.fromkeys(LOWERED, factor) | {'integral_time': slower}
+        lower = replace(settings, **{n: by * getattr(settings, n) for n, by in factors.items()})
         gains = _gains(robot, models, states, limits, lower, noise, doublings, share, fine)
         slowest = proof.slowest([gains[k] for k in chosen])
         if slowest.modulus < 1.0:

@@ -10,6 +10,7 @@ from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import expit
 
 from denoc_ros.control.feedback_design import PostureGains
 from denoc_ros.control.grid import differences
@@ -34,7 +35,8 @@ GATE = 4.0  # of the innovations' spread: beyond it something else was at work
 # where sensors are checked, an offset is found otherwise, and ten channels pass 4 too often
 CHECKED_GATE = 5.0
 QUIET = 0.3  # s after a pause of the loop in which its trace is not taken for an error's
-DOUBT = 1.5  # standard deviations within which a combination of errors may well be none
+# standard deviations of a combination of errors that is as likely none as not
+DOUBT = 3.0
 ENTERS = 0.03  # s over which an error comes in
 HISTORY = 256  # periods over which values may be late
 KEPT, APART = 3, 0.1  # estimates of the past that are kept, and the time between them [s]
@@ -43,6 +45,7 @@ EVERY = 0.004  # s between such tests
 # chi-squared of an offset of one sensor's values: beyond it the sensor is faulty, within it the
 # sensor agrees
 FAULTY, AGREES = 20.0, 9.0
+CLEAR = 9.0  # chi-squared by which it is more likely to be faulty than any other
 CLIP = 4.0  # standard deviations by which one value counts, and more if that before it did
 SCALE = 0.1  # error of a sensor's scale that must have shown until it is heard again
 WALK = 0.01  # standard deviation of what an error changes within a second
@@ -214,9 +217,10 @@ class ErrorEstimate:
     constant for a while. That shifts the second estimate and its innovations, too, but otherwise
     than errors of the model. Over a short past the innovations are fitted by the errors and the
     offset of each sensor in turn. A sensor is faulty whose offset explains much that no errors
-    do. For each sensor an estimate runs along that has not heard it, and goes on in place of the
-    second one if the sensor is faulty. The sensor agrees again when it has been near that estimate
-    for as long as an error of its scale by `SCALE` takes to show.
+    do, and more than that of any other sensor; until that is clear, nothing is learned. For each
+    sensor an estimate runs along that has not heard it, and goes on in place of the second one if
+    the sensor is faulty. The sensor agrees again when it has been near that estimate for as long
+    as an error of its scale by `SCALE` takes to show.
 
     Parameters
     ----------
@@ -232,11 +236,13 @@ class ErrorEstimate:
     values : (errors,) array
         As estimated: of each beam's (spring's) compliance, then of the load.
     used : (errors,) array
-        On which plan and filter rely: their independent combinations that are beyond their
-        standard deviations, followed smoothly.
+        On which plan and filter rely: their independent combinations, each by how likely it is
+        beside none, followed smoothly.
     seen : (e, errors) array
         How far the filter's estimate is from the truth, by unit errors.
     faulty : (sensors,) bool array
+    suspected : bool
+        Whether sensors contradict each other and it is not clear which is faulty.
     heard : (measured,) bool array
         All measurements but those of faulty sensors.
 
@@ -277,7 +283,7 @@ class ErrorEstimate:
         self._mean, self._agreed = np.zeros((2, sensors))
         self._before = np.zeros(measured)
         self._tested, self._settled = -np.inf, np.inf
-        self.faulty = np.zeros(sensors, dtype=np.bool_)
+        self.faulty, self.suspected = np.zeros(sensors, dtype=np.bool_), False
         self.heard = np.ones(measured, dtype=np.bool_)
 
     @property
@@ -309,7 +315,7 @@ class ErrorEstimate:
 
     def forget_innovations(self) -> None:
         """Look for faults in what comes from now on."""
-        self._settled = np.inf
+        self._settled, self.suspected = np.inf, False
         self._information[:], self._explained[:] = 0.0, 0.0
 
     def adopt(self, other: ErrorEstimate | None, state: Array) -> None:
@@ -447,8 +453,10 @@ class ErrorEstimate:
         fading = math.exp(-min(elapsed, RECENT) / RECENT)
         self._information *= fading
         self._explained *= fading
-        worst = int(np.argmax(np.where(self.faulty, 0.0, squares)))
-        found = bool(squares[worst] > FAULTY and now >= self._settled)
+        squares[self.faulty] = 0.0
+        worst = int(np.argmax(squares))
+        self.suspected = bool(squares[worst] > FAULTY and now >= self._settled)
+        found = self.suspected and bool((np.delete(squares, worst) < squares[worst] - CLEAR).all())
         if found:
             self.faulty[worst], self._agreed[worst], self._mean[worst] = True, 0.0, offsets[worst]
             self._bank[:] = self._bank[:, worst, None].copy()
@@ -507,8 +515,8 @@ class ErrorEstimate:
         believed = self.values
         if len(self.faulty):
             variances, ways = np.linalg.eigh(self._covariance)
-            along, doubt = ways.T @ self.values, DOUBT**2 * variances
-            believed = ways @ (along * (1.0 - doubt / np.maximum(along**2, doubt)))
+            along = ways.T @ self.values
+            believed = ways @ (along * expit(0.5 * (along**2 / variances - DOUBT**2)))
         change = self._period / (self._period + ENTERS) * (believed - self.used)
         self.used += change
         state += self.seen @ change

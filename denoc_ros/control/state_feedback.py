@@ -11,7 +11,7 @@ from denoc_ros.dynamics.robot import Robot
 from denoc_ros.types import Array
 
 RAMP = 0.5  # s in which feedback comes in
-FADE = 0.2  # s in which the last torque of a feedback goes that may no longer act
+FADE = 0.05  # s in which the last torque of a feedback goes that may no longer act
 # rad, m that the feedback of all deviations may push the joints from the plan against their own
 REACH = 0.03
 SLEW = 0.05  # s in which it may change by as much as it may be
