@@ -8,6 +8,7 @@ from __future__ import annotations
 import sys
 import warnings
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sparse
@@ -24,7 +25,8 @@ def main() -> None:
         np.savez(sys.argv[2], numbers=numbers, places=places)
         return
     rows, *matrices = opened.load_km()
-    found = {'rows': np.asarray(rows, dtype=np.int64), 'constrained': len(opened.const)}
+    found: dict[str, Any] = {'rows': np.asarray(rows, dtype=np.int64)}
+    found['constrained'] = len(opened.const)
     for name, matrix in zip(('stiffness', 'mass'), matrices, strict=True):
         if matrix is not None:
             upper = sparse.triu(matrix).tocoo()
