@@ -111,7 +111,8 @@ def rigid(name: str, paths: int) -> None:
         print(
             f'{name}, {paths} paths, {"with" if friction else "without"} friction, over TOPP-RA: '
             f'median {np.median(ratios):.4f}, {min(ratios):.4f} to {max(ratios):.4f}; largest '
-            f"share of a limit by Pinocchio's torques {max(shares):.4f}",
+            f"share of a limit by Pinocchio's torques {max(shares):.4f}; TOPP-RA found none of "
+            f'{ratios.count(0.0)} paths',
             flush=True,
         )
 

@@ -75,7 +75,7 @@ class RigidArm:
         return float(max(part.max() for part in parts))
 
     def toppra_duration(self, seed: int) -> float:
-        """Return the least time of a random path by TOPP-RA [s].
+        """Return the least time of a random path by TOPP-RA [s], infinite where it finds none.
 
         Its torques are linear in the squared pace: viscous friction has no place among them and
         is kept free, as large as it is at the limit of velocity.
@@ -92,7 +92,8 @@ class RigidArm:
         ]
         path = toppra.SplineInterpolator(PLACES, self.path(seed)(PLACES))
         theirs = algorithm.TOPPRA(limits, path, np.linspace(0.0, 1.0, GRID))
-        return float(theirs.compute_trajectory(0, 0).duration)
+        found = theirs.compute_trajectory(0, 0)
+        return np.inf if found is None else float(found.duration)
 
 
 def rigid_arm(name: str, friction: bool = False) -> RigidArm:
