@@ -15,6 +15,7 @@ from denoc_ros.errors import ModelError
 from denoc_ros.model.along import Along, fitted, mean_and_along, sample_shares
 from denoc_ros.model.cross_sections import (
     AXES,
+    CENTRED,
     CrossSection,
     SectionAxes,
     rectangle_section,
@@ -188,16 +189,18 @@ def read_section(beam: Reader, least: float | None = None, folder: str = '') -> 
     )
 
 
-def expand_section(beam: Element) -> None:
+def expand_section(beam: Element, folder: str = '') -> None:
     """Replace a beam's `<section>` by the numbers that it gives; leave a bad one to be found.
 
     Parameters
     ----------
     beam : lxml element
         `<beam>`, changed in place.
+    folder : str
+        Of the description's file, '' of a text.
     """
     scratch = Findings()
-    section = read_section(Reader(beam, '', scratch))
+    section = read_section(Reader(beam, '', scratch), folder=folder)
     if section is None or scratch.items:
         return
     limit = read_strain_limit(Reader(beam, '', scratch), section)
@@ -456,7 +459,7 @@ def _from_sections(
             )
             for name, quantity in quantities.items()
         }
-        own = [each.section.axes or SectionAxes.of(*[0.0] * 5) for each in sections]
+        own = [each.section.axes or CENTRED for each in sections]
         rows = [dict(zip(AXES, axes.values(np.zeros(1))[0], strict=True)) for axes in own]
         warping = max(each.warping_rigidity for each in sections)
         return Stations(found, _axes_along(x, rows, interpolation), warping)

@@ -61,6 +61,9 @@ class SectionAxes:
         return pose
 
 
+CENTRED = SectionAxes.of(*[0.0] * len(AXES))
+
+
 @dataclass(frozen=True)
 class CrossSection:
     """A cross-section of a beam along X: moments along its principal axes, y and z of it."""

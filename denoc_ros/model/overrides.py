@@ -78,7 +78,7 @@ def with_overrides(source: Tree | str | os.PathLike[str], overrides: Mapping[str
         where, text, folder = 'robot with overrides', source.source, source.folder
     else:
         where, text = read_source(source)
-    description = _Description(parse_xml(where, text))
+    description = _Description(parse_xml(where, text), folder)
     plain = plain_paths(description.paths, overrides)
     if isinstance(source, Tree):
         plain = merged_overrides(source, plain)
@@ -126,8 +126,8 @@ class _Description:
         Those of the changes, by link and field.
     """
 
-    def __init__(self, root: Element) -> None:
-        self.root = root
+    def __init__(self, root: Element, folder: str | None = None) -> None:
+        self.root, self._folder = root, folder or ''
         self.payloads: dict[str, dict[str, Array]] = {}
         self._fields: dict[str, tuple[Element, tuple[str, ...]]] = {}
         for beam in root.iterfind('flexibility/beam'):
@@ -189,7 +189,9 @@ class _Description:
             unknown_path(path, known, findings)
             return
         if kind == 'beam' and element.tag != 'beam' and field not in DAMPING:
-            expand_section(element.getparent())  # all other numbers may come from a section
+            expand_section(
+                element.getparent(), self._folder
+            )  # all other numbers may come from a section
         name = start.partition('.')[2]
         if kind == 'joint' and field in SPRING_FIELDS:
             element, field = self._springs[name], SPRING_FIELDS[field]

@@ -18,7 +18,8 @@ import scipy.sparse as sparse
 
 from denoc_ros.errors import ModelError
 from denoc_ros.model.along import CONSTANT, Along
-from denoc_ros.model.cross_sections import SectionAxes
+from denoc_ros.model.beam_sections import SAME_STATION
+from denoc_ros.model.cross_sections import AXES, CENTRED, SectionAxes
 from denoc_ros.model.flexibility import BeamElement, DeformationElement
 from denoc_ros.model.inertia import inverse_transform, moved
 from denoc_ros.model.link_file import LinkFrame
@@ -33,7 +34,6 @@ from denoc_ros.types import Array
 ELEMENTS = 128  # at least: twist of the first mode is exact to 6e-6
 GAUSS = 4  # stations of an element: exact for cubics of a constant section
 CORNERS = np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
-SAME_STATION = 1e-9  # of the length
 ON_AXIS = 1e-6  # of a direction: more is aside
 
 RIGIDITIES, INERTIAS = ('ei_y', 'ei_z', 'gj', 'ea'), ('mass', 'polar_inertia')
@@ -96,7 +96,7 @@ class BeamSections:
             (float(mass or 0.0), element.mass_along),
             (float(polar or 0.0), element.polar_along),
             element.stretch,
-            element.axes or SectionAxes.of(*[0.0] * 5),
+            element.axes or CENTRED,
         )
 
     def values(self, name: str, share: Array) -> Array:
@@ -111,17 +111,12 @@ class BeamSections:
     @property
     def breaks(self) -> tuple[float, ...]:
         """Shares of the length where a number may jump, 0 and 1 too."""
-        axes = self.axes
         profiles = (self.ei_y, self.ei_z, self.gj, self.mass, self.polar_inertia)
         found: tuple[float, ...] = (0.0, 1.0)
         for along in (
             *(profile[1] for profile in profiles),
             CONSTANT if self.ea is None else self.ea[1],
-            axes.angle,
-            axes.centroid_y,
-            axes.centroid_z,
-            axes.shear_center_y,
-            axes.shear_center_z,
+            *(getattr(self.axes, name) for name in AXES),
         ):
             found = merged_edges(found, along.breaks)
         return found

@@ -147,6 +147,13 @@ def test_a_file_beside_the_description_is_found_and_an_override_keeps_the_turn(
     assert one.inverse_dynamics(q, q, q) == pytest.approx(expected, rel=1e-9)
     same = other.with_overrides({'beam.arm.y.ei': E * 0.03 * 0.04**3 / 12.0})
     assert same.inverse_dynamics(q, q, q) == pytest.approx(expected, rel=1e-6)
+    softer = [
+        each.with_overrides({'beam.arm.y.ei': 1e3, 'beam.arm.y.modes': 3}) for each in (one, other)
+    ]
+    q = 0.01 * np.arange(1.0, softer[0].n + 1.0)
+    assert softer[0].inverse_dynamics(q, q, q) == pytest.approx(
+        softer[1].inverse_dynamics(q, q, q), rel=1e-9
+    )
 
 
 def test_warping_that_held_ends_would_stop_is_told() -> None:
