@@ -316,7 +316,7 @@ def _of_sets(file: Path, nodes: Path, both: Sequence[Any]) -> FiniteElementBody:
     try:
         from pyyeti.nastran import n2p, op2
     except ImportError as error:
-        raise _no_reader(nodes, 'Nastran', 'pyyeti', 'nastran') from error
+        raise _no_reader(nodes, 'Nastran', 'pyyeti', 'nastran', error) from error
     try:
         with contextlib.redirect_stdout(io.StringIO()), op2.OP2(str(nodes)) as opened:
             sets = opened.rdn2cop2()['uset']
@@ -350,9 +350,11 @@ def _of_sets(file: Path, nodes: Path, both: Sequence[Any]) -> FiniteElementBody:
     return _keyed(file, file, table, keys, both)
 
 
-def _no_reader(file: Path, program: str, package: str, extra: str) -> ModelError:
+def _no_reader(
+    file: Path, program: str, package: str, extra: str, got: object = 'no such package'
+) -> ModelError:
     rule = f"{program}'s files must be read with {package}: pip install 'denoc_ros[{extra}]'"
-    return ModelError(str(file), [f'{rule}, got no such package'])
+    return ModelError(str(file), [f'{rule}, got: {got}'])
 
 
 def _read_ansys(file: Path, mass: Path | None, nodes: Path | None) -> FiniteElementBody:
@@ -410,7 +412,7 @@ def _op4(file: Path) -> dict[str, Any]:
     try:
         from pyyeti.nastran import op4
     except ImportError as error:
-        raise _no_reader(file, 'Nastran', 'pyyeti', 'nastran') from error
+        raise _no_reader(file, 'Nastran', 'pyyeti', 'nastran', error) from error
     try:
         found = op4.read(str(file), sparse=True)
     except Exception as error:  # torn files end in errors of many kinds
