@@ -108,11 +108,12 @@ def rigid(name: str, paths: int) -> None:
             ratios.append(plan.t[-1] / arm.toppra_duration(seed))
             shares.append(arm.largest_share(plan))
             print(f'{name} {seed}: {ratios[-1]:.4f} of the time by TOPP-RA', flush=True)
+        known = [ratio for ratio in ratios if ratio > 0.0]
         print(
             f'{name}, {paths} paths, {"with" if friction else "without"} friction, over TOPP-RA: '
-            f'median {np.median(ratios):.4f}, {min(ratios):.4f} to {max(ratios):.4f}; largest '
+            f'median {np.median(known):.4f}, {min(known):.4f} to {max(known):.4f}; largest '
             f"share of a limit by Pinocchio's torques {max(shares):.4f}; TOPP-RA found none of "
-            f'{ratios.count(0.0)} paths',
+            f'{paths - len(known)} paths',
             flush=True,
         )
 
