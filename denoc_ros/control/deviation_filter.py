@@ -109,9 +109,7 @@ class DeviationFilter:
         self.errors: ErrorEstimate | None = None
         if schedule.errors is not None:
             checked = len(values) if is_hardened(robot, names) else 0
-            self.errors = ErrorEstimate(
-                schedule.errors, self._period, len(self.state), seen, checked
-            )
+            self.errors = ErrorEstimate(schedule.errors, self._period, gains, checked)
         self.joints, self.joints_at = np.zeros(2 * self._k), -np.inf
         self._has_rates = math.isfinite(schedule.settings.velocity_noise)
         self.time = 0.0
@@ -428,10 +426,11 @@ class DeviationFilter:
 
         Returns what these did to the deviations (2 m,).
         """
-        pushed: Array = gains.push @ pushes
+        if self.errors is not None:
+            self.state, pushed = self.errors.go_on(gains, self.state, self.time, pushes)
+            self.time += self._period
+            return pushed
+        pushed = gains.push @ pushes
         self.state = gains.transition @ self.state
         self.state[: len(pushed)] += pushed
-        if self.errors is not None:
-            pushed -= self.errors.go_on(gains, self.state, self.time, pushed)
-            self.time += self._period
         return pushed

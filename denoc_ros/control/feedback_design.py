@@ -107,6 +107,9 @@ class PostureGains:
         Nothing feeds it back, so it may trust the model and the sensors more.
     surprise : (measured, measured) array
         Covariance of the innovations of that estimate.
+    by_errors : (errors, 2 m, 2 m + past + joints) array
+        Change of what y, the torques on their way and the new one make of y over a period, by
+        unit errors of the model; zero where the filter does not follow them.
     """
 
     gain: Array
@@ -121,6 +124,14 @@ class PostureGains:
     joints: Array
     learner: Array
     surprise: Array
+    by_errors: Array
+
+    def with_errors(self, errors: Array) -> tuple[Array, Array]:
+        """Return `transition` and `push` of a robot with errors of the model (errors,)."""
+        change = np.tensordot(errors, self.by_errors, 1)
+        transition, s = self.transition.copy(), len(change)
+        transition[:s, :s] += change[:, :s]
+        return transition, self.push + change[:, s:]
 
 
 def virtual_joints(model: DeviationModel, settings: FeedbackSettings) -> Array:
@@ -286,11 +297,11 @@ class Noise:
 
 def noise_of(
     robot: Robot, joints: int, sensors: Sequence[SensorValue], limits: Array,
-    settings: FeedbackSettings, straining: float = 1.0,
+    settings: FeedbackSettings, straining: float = 1.0, least: float = 1.0,
 ) -> Noise:  # fmt: skip
     """Return the noise of measurements and the least of the forces.
 
-    `straining` is a factor of that of sensors on beams.
+    `straining` is a factor of that of sensors on beams, `least` one of the forces.
     """
     measured = np.concatenate([
         np.full(joints, settings.position_noise), np.full(joints, settings.velocity_noise),
@@ -316,10 +327,9 @@ def noise_of(
     own = np.searchsorted(flexible, spring_indices(robot))
     first[own] = own
     stiff = robot.stiffness[flexible]
-    least = LEAST_DEFLECTION * (stiff * length)[first]
     alone = np.where(first == np.arange(len(first)), length, 0.0)
-    least = np.concatenate([LEAST_TORQUE * limits, least])
-    return Noise(measured, bias, least, first, alone)
+    unknown = [LEAST_TORQUE * limits, LEAST_DEFLECTION * (stiff * length)[first]]
+    return Noise(measured, bias, least * np.concatenate(unknown), first, alone)
 
 
 def reach_of(model: DeviationModel, noise: Noise) -> Array:

@@ -40,7 +40,14 @@ from denoc_ros.control.feedback_design import (
     whole_rows,
 )
 from denoc_ros.control.feedback_settings import FeedbackSettings
-from denoc_ros.control.model_errors import ModelErrors, knows_errors, model_errors
+from denoc_ros.control.model_errors import (
+    REACH,
+    ModelErrors,
+    knows_errors,
+    model_errors,
+    stiffnesses,
+    with_errors,
+)
 from denoc_ros.control.planned_states import PlannedMotion, state_at
 from denoc_ros.control.read_values import chosen_values, read_sensors
 from denoc_ros.control.residual_modes import is_hardened, other_robots
@@ -62,9 +69,9 @@ OTHERS = ', and with other modes of the links'
 LEFT_ALONE, MORE_DAMPED = 6.0, 0.3
 HALVINGS = 5  # of the joints' bandwidth
 NEUTRAL = 1e-9  # what rounding makes of a modulus of 1
-# the estimate that learns: factor of the noise of sensors on beams, and share of the model's error
-# that is left where stiffness and load are estimated
-FINE, KNOWN_FINE = 4.0, 0.01
+# the estimate that learns: factors of the noise of sensors on beams and of the least forces, and
+# share of the model's error that is left where stiffness and load are estimated
+FINE, FINE_LEAST, KNOWN_FINE = 4.0, 0.3, 0.01
 TRUST = 0.3  # without modes beyond the design's: the filter allows for more than is true
 TRIED = 3  # postures at which robots with other modes are tried, at most
 PARTS = (1.0, 0.5)  # of the feedback: it comes in and goes
@@ -91,7 +98,8 @@ class Proof:
     Notes
     -----
     At every posture the robot of the design, its stiffness and the load at its tip off by 20 %
-    either way; at some also robots with other shape functions and with beams in segments.
+    either way, which the filter knows or not; at some also robots with other shape functions and
+    with beams in segments.
     """
 
     def __init__(
@@ -133,8 +141,15 @@ class Proof:
         settings, found = self._settings, []
         for posture, here, gain in zip(self._postures, self._plants, gains, strict=True):
             for model, stiffness, load, name in here:
-                for part in PARTS if self.hard else PARTS[:1]:
-                    step = closed_loop(model, gain, settings, part)
+                tried = [(gain, part) for part in (PARTS if self.hard else PARTS[:1])]
+                if gain.by_errors.any() and (stiffness, load) != (1.0, 1.0):
+                    errors = np.append(
+                        np.full(len(gain.by_errors) - 1, 1.0 / stiffness - 1.0), load - 1.0
+                    )
+                    transition, push = gain.with_errors(errors)
+                    tried.append((replace(gain, transition=transition, push=push), PARTS[0]))
+                for used, part in tried:
+                    step = closed_loop(model, used, settings, part)
                     modulus, hertz = slowest_mode(step, settings.period)
                     found.append(Settling(modulus, posture, stiffness, load, hertz, name, part))
                     if not modulus < 1.0 and self.hard:
@@ -258,16 +273,27 @@ def design(
     chosen = np.unique(np.linspace(0, len(states) - 1, min(POSTURES, len(states))).astype(int))
     proof = Proof(robot, joints, rows, [states[k] for k in chosen], settings, hard)
     settings = _with_stable_joints(settings, proof, [models[k] for k in chosen])
-    share = (KNOWN if hard and knows_errors(robot) else 1.0) * settings.model_error
-    fine = None
-    if hard and knows_errors(robot):
-        fine = noise_of(robot, len(joints), values, limits, settings, FINE)
+    knows = knows_errors(robot)
+    share = (KNOWN if hard and knows else 1.0) * settings.model_error
+    count = len(stiffnesses(robot)) + 1 if knows else 0
+    fine, others = None, [[model] * count for model in models]  # these with errors of the model
+    if hard and knows:
+        fine = noise_of(robot, len(joints), values, limits, settings, FINE, FINE_LEAST)
+        for place, errors in enumerate(REACH * np.eye(count)):
+            other = with_errors(robot, settings.tip, errors)
+            for some, state in zip(others, states, strict=True):
+                some[place] = deviation_model(other, joints, rows, settings.tip, state)
     if hard:  # what moves faster is left to the joints' own feedback
-        models = [model.damped(LEFT_ALONE, MORE_DAMPED) for model in models]
+        models, *others = (
+            [model.damped(LEFT_ALONE, MORE_DAMPED) for model in some] for some in (models, *others)
+        )
+    by_errors = [_by_errors(*pair, settings) for pair in zip(models, others, strict=True)]
     for factor, slower in LOWER if hard else LOWER[:1]:
         factors = dict.fromkeys(LOWERED, factor) | {'integral_time': slower}
         lower = replace(settings, **{n: by * getattr(settings, n) for n, by in factors.items()})
-        gains = _gains(robot, models, states, limits, lower, noise, doublings, share, fine)
+        gains = _gains(
+            robot, models, states, limits, lower, noise, doublings, share, fine, by_errors
+        )
         slowest = proof.slowest([gains[k] for k in chosen])
         if slowest.modulus < 1.0:
             break
@@ -292,13 +318,13 @@ def design(
 def _gains(
     robot: Robot, models: Sequence[DeviationModel], states: Sequence[PlannedState],
     limits: Array, settings: FeedbackSettings, noise: Noise, doublings: int, share: float,
-    fine: Noise | None,
+    fine: Noise | None, by_errors: Sequence[Array],
 ) -> list[PostureGains]:  # fmt: skip
     """Return the gains at each state."""
     cost: Array | None = None
     gains: list[PostureGains] = []
     stiff = robot.stiffness[robot.flexible_indices]
-    for model, state in zip(reversed(models), reversed(states), strict=True):
+    for model, state, changes in zip(*map(reversed, (models, states, by_errors)), strict=True):
         inner = joint_gains(model, settings.joint_bandwidth)
         problem = regulator(model, limits, settings, inner)
         cost = settled_cost(problem) if cost is None else earlier_cost(problem, cost, doublings)
@@ -315,16 +341,34 @@ def _gains(
             learner, surprise = estimator(measured, transition, fine, forces, len(measured))
             forces = noise.forces(state, stiff, share)
         blind, _ = estimator(measured, transition, noise, forces, 2 * model.joints)
-        sampled = model.sampled(settings.period, settings.delay)
         s = 2 * model.size
-        push = np.hstack([sampled.a[:s, s:], sampled.b[:s]])
+        push = _response(model, settings)[:, s:]
         gains.append(PostureGains(
             gain_of(problem, cost, limits, settings), transition, push, correction,
             measured, spread, blind, reach_of(model, noise), problem.virtual, inner, learner,
-            surprise,
+            surprise, changes,
         ))  # fmt: skip
     gains.reverse()
     return gains
+
+
+def _response(model: DeviationModel, settings: FeedbackSettings) -> Array:
+    """Return y (2 m, 2 m + past + joints) after a period, by y, torques on their way, the new."""
+    sampled, s = model.sampled(settings.period, settings.delay), 2 * model.size
+    return np.hstack([sampled.a[:s], sampled.b[:s]])
+
+
+def _by_errors(
+    model: DeviationModel, others: Sequence[DeviationModel], settings: FeedbackSettings
+) -> Array:
+    """Return the change of the response by unit errors, from robots with errors of `REACH`.
+
+    It is zero for the model itself: a design without other modes is not stable with a filter that
+    follows the errors.
+    """
+    exact = _response(model, settings)
+    changed = [(_response(other, settings) - exact) / REACH for other in others]
+    return np.array(changed).reshape(len(others), *exact.shape)
 
 
 def _with_stable_joints(

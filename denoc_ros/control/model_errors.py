@@ -30,13 +30,12 @@ REACH = 0.2  # errors at which plans of other robots are made
 AFTER = 2.0  # s after the end of the motion that such a plan may use
 PAIRED = 4  # errors of which all pairs are tried; of more each alone
 LIKELY = 0.2  # standard deviation of an error before anything is measured
+NONE = 10.0  # how much likelier than one of that size no error is, before anything is measured
 LARGEST = 0.4  # error that is believed
 GATE = 4.0  # of the innovations' spread: beyond it something else was at work
 # where sensors are checked, an offset is found otherwise, and ten channels pass 4 too often
 CHECKED_GATE = 5.0
 QUIET = 0.3  # s after a pause of the loop in which its trace is not taken for an error's
-# standard deviations of a combination of errors that is as likely none as not
-DOUBT = 3.0
 ENTERS = 0.03  # s over which an error comes in
 HISTORY = 256  # periods over which values may be late
 KEPT, APART = 3, 0.1  # estimates of the past that are kept, and the time between them [s]
@@ -48,6 +47,9 @@ FAULTY, AGREES = 20.0, 9.0
 CLEAR = 9.0  # chi-squared by which it is more likely to be faulty than any other
 CLIP = 4.0  # standard deviations by which one value counts, and more if that before it did
 SCALE = 0.1  # error of a sensor's scale that must have shown until it is heard again
+# s over which deviations are averaged that show errors by what the robot makes of them: their
+# noise would show some, too
+AVERAGED = 0.1
 WALK = 0.01  # standard deviation of what an error changes within a second
 
 
@@ -207,8 +209,10 @@ class ErrorEstimate:
 
     The filter of deviations takes the robot for one with the errors `used`, on that robot's plan,
     its tip where it was: deviations stay small however wrong the model is. The filter is then off
-    by `seen` @ (errors - used), whatever the deviations are. Filter, gains and the proof of their
-    stability stay as they are.
+    by `seen` @ (errors - used). The gains stay as they are.
+
+    A combination z of errors with variance v counts by its posterior probability beside none,
+    1 / (1 + `NONE` sqrt(`LIKELY`^2 / v) exp(-z^2 / 2 v)).
 
     A second estimate of the deviations, which nothing feeds back, shows the errors by its
     innovations: it allows for less that nobody knows than the filter of a loop must.
@@ -227,9 +231,10 @@ class ErrorEstimate:
     errors : ModelErrors
     period : float
         Of the loop [s].
-    size, measured, sensors : int
-        Parts of the filter's estimate; measurements; how many of these, the last ones, are of
-        sensors that may be faulty.
+    gains : PostureGains
+        Any of the plan's.
+    sensors : int
+        How many of the measurements, the last ones, are of sensors that may be faulty.
 
     Attributes
     ----------
@@ -255,9 +260,10 @@ class ErrorEstimate:
     """
 
     def __init__(
-        self, errors: ModelErrors, period: float, size: int, measured: int, sensors: int
+        self, errors: ModelErrors, period: float, gains: PostureGains, sensors: int
     ) -> None:
         self._errors, self._period = errors, period
+        measured, size = gains.measured.shape
         count = errors.count
         self.values, self.used = np.zeros((2, count))
         self.seen: Array = np.zeros((size, count))
@@ -267,6 +273,8 @@ class ErrorEstimate:
         self._end = (len(self._errors.states) - 1) * self._errors.step
         self._states = np.zeros(self._errors.states.shape[1:])
         self._torques = np.zeros(self._errors.torques.shape[1:])
+        # deviations from the plan of the robot with the errors used, and torques beyond it
+        self._away = np.zeros(gains.by_errors.shape[2])
         self._past: deque[tuple[Array, Array]] = deque(maxlen=KEPT)
         self._since = 0.0
         # estimates without each sensor, then with all, and how far they are off by unit errors
@@ -297,7 +305,7 @@ class ErrorEstimate:
         self._covariance = LIKELY**2 * np.eye(len(self.values))
         self._past.clear()
         self.faulty[:], self.heard[:], self._agreed[:] = False, True, 0.0
-        self._bank[:], self._shift[:] = 0.0, 0.0
+        self._bank[:], self._shift[:], self._away[:] = 0.0, 0.0, 0.0
         self._expected.clear()
         self.forget_deviations()
         self.forget_innovations()
@@ -327,6 +335,7 @@ class ErrorEstimate:
         if other is not None and other._bank.shape == self._bank.shape:
             self.values[:], self.used[:], self.seen[:] = other.values, other.used, other.seen
             self._covariance, self._past = other._covariance, other._past
+            self._away = other._away
             self._bank, self._shift, self._expected = other._bank, other._shift, other._expected
             self.faulty, self.heard, self._agreed = other.faulty, other.heard, other._agreed
 
@@ -474,49 +483,60 @@ class ErrorEstimate:
         """Take note that the filter has corrected its estimate by the innovations at places."""
         self.seen -= correction[:, at] @ (gains.measured[at] @ self.seen)
 
-    def go_on(self, gains: PostureGains, state: Array, time: float, pushed: Array) -> Array:
+    def go_on(
+        self, gains: PostureGains, state: Array, time: float, pushes: Array
+    ) -> tuple[Array, Array]:
         """Go on by a period from a time of the plan [s].
 
-        A robot with the errors stays on its own plan under its torque.
+        A robot with the errors `used` stays on its own plan under its own torque, and moves away
+        from it by its own model.
 
         Parameters
         ----------
         gains : PostureGains
         state : (e,) array
-            Of the filter; changed to that under the plan's torque.
+            Of the filter.
         time : float
-        pushed : (2 m,) array
-            What all torques do to the deviations.
+        pushes : (past + joints,) array
+            All torques on their way and the new one, beyond the plan's [N m, N].
 
         Returns
         -------
-        (2 m,) array
-            What the torque of the errors `used` does to the deviations.
+        state : (e,) array
+            A period later.
+        pushed : (2 m,) array
+            What the torques beyond those of that robot's plan did to its deviations.
         """
-        held = gains.push.reshape(len(gains.push), -1, len(self._torques)).sum(axis=1)
-        s, e, rates = len(held), len(self.values), terms_rate(self.used)
+        ways = np.column_stack([terms(self.used), terms_rate(self.used)])
         states, torques = self._plan(time)
-        by_torque = held @ torques
-        away = gains.transition[:, :s] @ states
-        away[:s] += by_torque
-        self.seen = gains.transition @ self.seen
-        self._shift = gains.transition @ self._shift
-        bank = gains.transition @ self._bank.reshape(len(self._bank), -1)
-        self._bank = bank.reshape(self._bank.shape)
-        self._bank[:s, :, 0] += pushed[:, None]
-        after, _ = self._plan(time + self._period)
-        change = -away
-        change[:s] += after
-        self.seen += change @ rates
-        state += change @ terms(self.used)
-        self._bank[..., 0] += (change @ terms(self.used))[:, None]
-        self._bank[..., 1:] += (change @ rates)[:, None]
-        self._covariance = self._covariance + WALK**2 * self._period * np.eye(e)
+        before, held = states @ ways, np.tile(torques @ ways, (len(pushes) // len(torques), 1))
+        after = self._plan(time + self._period)[0] @ ways
+        transition, push = gains.with_errors(self.used)
+        s, beyond = len(push), pushes - held[:, 0]
+        share = self._period / (self._period + AVERAGED)
+        away = np.concatenate([state[:s] - before[:, 0], beyond])
+        self._away += share * (away - self._away)
+        pushed = push @ beyond
+        after[:, 0] += pushed
+        after[:, 1:] += (gains.by_errors @ self._away).T - push @ held[:, 1:]
+
+        def later(estimate: Array) -> Array:
+            """Return an estimate [itself, by unit errors] (e, k, 1 + errors) a period later."""
+            estimate[:s] -= before[:, None]
+            ahead = (transition @ estimate.reshape(len(estimate), -1)).reshape(estimate.shape)
+            ahead[:s] += after[:, None]
+            return ahead
+
+        estimate = later(np.column_stack([state, self.seen])[:, None])[:, 0]
+        state, self.seen, self._bank = estimate[:, 0], estimate[:, 1:], later(self._bank)
+        self._shift = transition @ self._shift
+        self._covariance = self._covariance + WALK**2 * self._period * np.eye(len(self.values))
         believed = self.values
         if len(self.faulty):
             variances, ways = np.linalg.eigh(self._covariance)
             along = ways.T @ self.values
-            believed = ways @ (along * expit(0.5 * (along**2 / variances - DOUBT**2)))
+            likely = along**2 / variances - np.log((NONE * LIKELY) ** 2 / variances)
+            believed = ways @ (along * expit(0.5 * likely))
         change = self._period / (self._period + ENTERS) * (believed - self.used)
         self.used += change
         state += self.seen @ change
@@ -525,7 +545,7 @@ class ErrorEstimate:
         if self._since >= APART:
             self._since = 0.0
             self._past.append((self.values.copy(), self._covariance))
-        return np.asarray(by_torque @ terms(self.used))
+        return state, pushed
 
     def state(self, time: float) -> Array:
         """Return the change of the plan's deviations (2 m,) by the errors used, at a time."""

@@ -16,6 +16,7 @@ from denoc_ros.control.deviation_model import DeviationModel, deviation_model
 from denoc_ros.control.feedback_design import joint_gains, joint_inertia
 from denoc_ros.control.feedback_settings import FeedbackSettings
 from denoc_ros.control.gain_schedule import GainSchedule, design
+from denoc_ros.control.model_errors import with_errors
 from denoc_ros.control.planned_states import state_at
 from denoc_ros.control.read_values import chosen_values, read_sensors
 from denoc_ros.control.residual_modes import with_residual_modes, without_armature
@@ -135,6 +136,37 @@ def test_right_numbers_with_other_modes_keep_the_tip() -> None:
     # 3.0 mm; with feedback that knows of no other modes the arm is lost, metres off
     assert run.rms < 0.005
     assert (run.share[1000:] == 1.0).all()
+
+
+def test_filter_that_knows_of_errors_is_that_of_the_robot_which_has_them() -> None:
+    arm, errors = canadarm(source=described()), np.array([0.05, -0.04, 0.06])
+    robot = with_residual_modes(arm, arm.joint_names)
+    state = state_at(robot, robot.joint_names, START, 0.1 * LIMITS)
+    of_model, of_other = (
+        design(one, one.joint_names, LIMITS, np.zeros(1), [state], SETTINGS).gains[0]
+        for one in (robot, with_errors(robot, 'tool', errors))
+    )
+    s = len(of_model.push)
+    for known, exact, plain in zip(
+        of_model.with_errors(errors),
+        (of_other.transition, of_other.push),
+        (of_model.transition, of_model.push),
+        strict=True,
+    ):
+        # differences over 0.2, used for 0.05: second order in the errors
+        left = np.abs(known[:s, :s] - exact[:s, :s]).max()
+        assert left < 0.25 * np.abs(plain[:s, :s] - exact[:s, :s]).max()
+
+
+def test_errors_of_stiffness_and_load_at_once_are_found_on_the_way() -> None:
+    planned = tip_exact(10.0, 1.0, described())
+    feedback = StateFeedback(planned.robot, planned.schedule())
+    run = Loop(planned, canadarm(1.2, 0.8, described(segments=8)), feedback).run(4.0)
+    # 17 mm; 37 mm, and errors that go to and fro, where deviations are taken for the model's
+    assert run.error.max() < 0.025
+    errors = feedback.filter.errors
+    assert errors is not None
+    np.testing.assert_allclose(errors.values, [1 / 1.2 - 1, 1 / 1.2 - 1, -0.2], atol=0.015)
 
 
 @cache
