@@ -29,6 +29,7 @@ AGEING = 0.02  # weight of the newest values' age in the usual one
 BRIEF = 0.025  # s of a pause that leaves no more than the gains of every period undo
 DOUBTED = 0.3  # of what held torque did in a pause: so far the model may be off
 BEGINS = 1.0  # s in which an estimate that begins may contradict all sensors
+BLAMED = 1.0  # s after a fault was found, in which the sensor beside it may have been blamed
 REGAIN = 0.2  # s of good values until the estimate is believed again
 
 
@@ -278,6 +279,7 @@ class DeviationFilter:
             errors.forget_innovations()
         if not errors.find_faults(now, gains):
             return
+        errors.doubt(self.time, BLAMED)
         before = gains.measured @ self.state
         self.state[:] = errors.estimate
         seen = gains.measured @ self.state

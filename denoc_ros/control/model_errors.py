@@ -343,9 +343,9 @@ class ErrorEstimate:
         """Say whether a time of the plan [s] is one of its motion, in which the errors show."""
         return 0.0 < time < self._end - AFTER
 
-    def doubt(self, time: float) -> None:
-        """Learn nothing for a while from a time of the plan [s] on: the torque was not as told."""
-        self._quiet = time + QUIET
+    def doubt(self, time: float, seconds: float = QUIET) -> None:
+        """Learn nothing for a while from a time of the plan [s] on: not all was as told."""
+        self._quiet = time + seconds
         self.forget_innovations()
 
     def push(self, now: float, gains: PostureGains) -> None:
