@@ -31,29 +31,17 @@ DEEPEST = 4  # levels of a message that are looked into
 
 @dataclass(frozen=True)
 class Channel(RecordedWindow):
-    """One signal of a file: its place, and its conversion to a quantity.
+    """One signal of a file: its place, and its conversion to a quantity."""
 
-    Attributes
-    ----------
-    topic : str
-        Of a bag; '' where it has one topic of numbers only.
-    field : str
-        Joint of a JointState, label or index of a Float64MultiArray, dotted path in another
-        message (`wrench.force.x`), or a table's column; '' where there is one only.
-    quantity : str
-        position, velocity or effort of a JointState.
-    gain, offset : float
-        value = gain * raw + offset.
-    unit : str
-        Of the value.
-    """
-
-    topic: str = ''
+    topic: str = ''  # of a bag; '' where it has one topic of numbers only
+    # joint of a JointState, label or index of a Float64MultiArray, dotted path in another message
+    # (`wrench.force.x`), or a table's column; '' where there is one only
     field: str = ''
-    quantity: str = 'position'
+    quantity: str = 'position'  # position, velocity or effort of a JointState
+    # value = gain * raw + offset
     gain: float = 1.0
     offset: float = 0.0
-    unit: str = ''
+    unit: str = ''  # of the value
 
     @property
     def name(self) -> str:

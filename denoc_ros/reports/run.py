@@ -77,21 +77,12 @@ def _png(image: Image) -> str:
 
 @dataclass(frozen=True)
 class Report:
-    """The page of a run and its numbers.
+    """The page of a run and its numbers."""
 
-    Attributes
-    ----------
-    page : ReportPage
-        Verdict, figures of merit, sections, provenance.
-    summary : dict
-        Errors, deflection, torque and loop timing in SI units, ready for JSON.
-    notes : tuple of str
-        What the page leaves out, and why.
-    """
-
-    page: ReportPage
+    page: ReportPage  # verdict, figures of merit, sections, provenance
+    # errors, deflection, torque and loop timing in SI units, ready for JSON
     summary: dict[str, Any]
-    notes: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()  # what the page leaves out, and why
 
     def html(self) -> str:
         """Return the page as one self-contained HTML file."""
