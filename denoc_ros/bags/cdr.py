@@ -50,10 +50,6 @@ class CdrReader:
 
     Attributes
     ----------
-    raw : bytes
-        The message.
-    position : int
-        Of the next byte.
     order : {'<', '>'}
         Of the bytes of a number.
     """

@@ -22,12 +22,7 @@ _DTYPES = {'byte': 'uint8', 'octet': 'uint8', 'char': 'uint8'}
 
 @lru_cache(maxsize=1)
 def message_types() -> Any:
-    """Return the typestore of ROS 2 Jazzy, which grows by the installed types that are asked for.
-
-    Returns
-    -------
-    rosbags.typesys.store.Typestore
-    """
+    """Return the typestore of ROS 2 Jazzy, which grows by installed types when they are needed."""
     return get_typestore(Stores.ROS2_JAZZY)
 
 

@@ -123,8 +123,6 @@ class JointStateMessage:
         Joint, deflection or sensor names.
     fields : sequence of str
         Which of `FIELDS` the message has; the others stay empty.
-    frame_id : str
-        Of the header.
     """
 
     def __init__(self, names: Sequence[str], fields: Sequence[str], frame_id: str = '') -> None:

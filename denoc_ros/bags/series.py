@@ -215,13 +215,7 @@ def _columns(names: Sequence[str], values: Array, wanted: Sequence[str]) -> Arra
 
 
 class JointStateColumns:
-    """Collects the raw messages of one topic; `series` makes arrays of them.
-
-    Parameters
-    ----------
-    topic : str
-        Named in errors.
-    """
+    """Collects the raw messages of one topic; `series` makes arrays of them."""
 
     def __init__(self, topic: str) -> None:
         self.topic = topic
@@ -288,8 +282,6 @@ def joint_state_blocks(
 
     Parameters
     ----------
-    path : str or Path
-        A bag that `read_bag` reads.
     topics : sequence of str
         All are in each block, with the messages that were recorded since the block before.
     rows : int
@@ -328,10 +320,6 @@ def read_joint_states(
 
     Parameters
     ----------
-    path : str or Path
-        A bag that `read_bag` reads.
-    topic : str
-        The topic.
     names : sequence of str, optional
         The joints and their order; default: all, in the order of first appearance.
     stamp : {'header', 'log'}
@@ -394,10 +382,6 @@ def read_numbers(
 
     Parameters
     ----------
-    path : str or Path
-        A bag that `read_bag` reads.
-    topic : str
-        A relative one is that of the robot's namespace.
     paths : mapping of str to sequence of str
         By the message types that the topic may have: where n numbers are in a message, as
         `INERTIAL_NUMBERS` has them.
@@ -435,10 +419,6 @@ def read_readings(
 
     Parameters
     ----------
-    path : str or Path
-        A bag that `read_bag` reads.
-    topic : str
-        Of one of `READING_TYPES`; a relative one is that of the robot's namespace.
     name, field : str
         The sensor's name, and which element or name in the message is its own.
     wrench_field : str

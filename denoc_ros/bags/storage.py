@@ -246,11 +246,6 @@ def require_bounded_chunks(path: Path) -> None:
 class CompleteRecords:
     """Iterates over the complete records, those in chunks included, of a file that may be torn.
 
-    Parameters
-    ----------
-    stream : IO[bytes]
-        The file, at its start.
-
     Attributes
     ----------
     damaged_chunks : int
@@ -478,11 +473,7 @@ def decompressed(data: bytes, compression: str, size: int) -> bytes:
 
     Parameters
     ----------
-    data : bytes
-        As in the file.
     compression : {'', 'lz4', 'zstd'}
-    size : int
-        Of the content [bytes], as the chunk claims. No more memory is taken.
 
     Raises
     ------

@@ -76,13 +76,7 @@ OTHERS = (  # first bytes of files that are no text
 
 
 class Table(dict[str, Array]):
-    """Columns of numbers by name, each (k,).
-
-    Attributes
-    ----------
-    units : dict of str to str
-        Of columns: what a row below the names says.
-    """
+    """Columns of numbers by name, each (k,)."""
 
     def __init__(self, columns: dict[str, Array], units: dict[str, str] | None = None) -> None:
         super().__init__(columns)

@@ -28,8 +28,6 @@ def add_repeated(parser: Any, *options: tuple[str, str]) -> None:
 
     Parameters
     ----------
-    parser : argument parser or group
-        What gets them.
     options : (str, str)
         Option with the form of its value, `--rename OLD=NEW`, and its help.
     """
@@ -43,8 +41,6 @@ def add_numbers(parser: Any, *options: tuple[str, float | None, str]) -> None:
 
     Parameters
     ----------
-    parser : argument parser or group
-        What gets them.
     options : (str, float or int or None, str)
         Option with the unit of its value, `--begin S`, its default, and its help. The number is
         an integer where the default is one.
@@ -69,12 +65,8 @@ def add_gravity(
 
     Parameters
     ----------
-    parser : argument parser or group
-        What gets it.
     default : tuple of float or None
         (3,) base frame [m/s^2].
-    said : str
-        The default in words.
     """
     parser.add_argument(
         '--gravity',
@@ -188,16 +180,10 @@ def add_pairs(
 
     Parameters
     ----------
-    parser : argument parser or group
-        What gets it.
     option : str
         Option with the form of its value, `--rename OLD=NEW`.
-    text : str
-        Its help.
     read : callable
         Returns a value from its text, ValueError for one that is none.
-    dest : str, optional
-        Its name among the arguments.
     form : str
         The form in errors, where it is not that of `option`.
     """

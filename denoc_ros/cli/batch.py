@@ -155,12 +155,6 @@ def run_batch(
         Key -> item. Keys whose rows the store has already are not run again.
     store : RowStore or None
         Takes the rows as they come; failures are not stored, so that they are tried again.
-    workers : WorkerConfig
-        Who runs them.
-    label : str
-        Of the progress bar.
-    progress : bool
-        Whether there is one, on a terminal.
 
     Raises
     ------

@@ -42,15 +42,6 @@ DESCRIPTION = (
 def write_description(args: argparse.Namespace, file: Path, text: Callable[[], str]) -> str:
     """Write a changed description to the chosen file; return its path, '' without one.
 
-    Parameters
-    ----------
-    args : argparse.Namespace
-        With `write` and `output`.
-    file : Path
-        The robot's file.
-    text : callable
-        Makes the description.
-
     Raises
     ------
     ConfigError

@@ -47,19 +47,7 @@ def written_result(
     page: Callable[[Document], ReportPage],
     notes: Sequence[str] = (),
 ) -> VerbResult:
-    """Return the result of an action; write it and its page to a folder if one is named.
-
-    Parameters
-    ----------
-    output : Path or None
-        The folder.
-    document : dict
-        The result, of plain values; the versions are added.
-    text, page : callable
-        Of the result, for a terminal and for the folder.
-    notes : sequence of str
-        As of `VerbResult`.
-    """
+    """Return the result of an action; write it and its page to a folder if one is named."""
     document = {**document, 'versions': versions()}
     if output:
         if (output / RESULT_FILE).exists():

@@ -142,8 +142,6 @@ def write_plan(plan: Plan, file: Path, interval: float) -> None:
 
     Parameters
     ----------
-    plan : Plan
-    file : Path
     interval : float
         Between rows [s], at most; quintics between them.
     """
@@ -183,10 +181,8 @@ def write_points(
 
     Parameters
     ----------
-    file : Path
     head : str
         Comment lines above it.
-    joints : sequence of str
     times : (k,) array
         From 0 on [s].
     motion : three (k, joints) arrays

@@ -34,14 +34,8 @@ def node_parameters(config: SessionConfig, name: str, phase: Phase, folder: Path
 
     Parameters
     ----------
-    config : SessionConfig
-        The session.
-    name : str
-        The node.
     phase : Phase
         What it changes goes over what holds for all phases.
-    folder : Path
-        The run's directory; the recorder writes `bag` in it.
 
     Raises
     ------

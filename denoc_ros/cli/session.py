@@ -88,18 +88,8 @@ class Session:
 
     Parameters
     ----------
-    config : SessionConfig
-        What runs, with which parameters.
-    task : Task
-        What is done.
     file : SessionFile
         Where phases are noted. Its folder has `parameters/`; the recorder makes `bag/`.
-    processes : Processes
-        Starts and ends the nodes.
-    client : SessionClient
-        Talks to them.
-    progress : Progress
-        Says what goes on.
     """
 
     def __init__(

@@ -25,15 +25,8 @@ class SessionFile:
 
     Parameters
     ----------
-    folder : Path
-        The run's directory.
     values : dict
         What is known when the session begins, ready for JSON.
-
-    Attributes
-    ----------
-    folder : Path
-        The run's directory.
     """
 
     def __init__(self, folder: Path, values: dict[str, Any]) -> None:
@@ -97,23 +90,10 @@ def conclude(
 
     Parameters
     ----------
-    folder : Path
-        The run's directory.
-    file : SessionFile
-        Where the cause of an early end is noted.
     error : exception or None
         Why the session ended before its end.
     shares : dict of str to float
         Share of a core that each node took.
-    records : bool
-        Whether the session has a recorder.
-    progress : Progress
-        Says what goes on.
-
-    Returns
-    -------
-    dict
-        The summary, as in its file.
 
     Raises
     ------

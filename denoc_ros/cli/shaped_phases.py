@@ -32,7 +32,6 @@ def plans_of(
 
     Parameters
     ----------
-    config : SessionConfig
     robot : Robot
         As the file has it; the plan is made with the overrides that the nodes have.
     trajectory : Trajectory or None

@@ -192,10 +192,6 @@ def vary(
     ranges : mapping
         Dotted path -> lowest and highest value, drawn evenly. A run's draws depend on the seed
         and its number alone, so that more runs can be added to a store.
-    runs, seed : int
-        How many, and where the draws begin.
-    store, workers, progress
-        As `denoc_ros.cli.batch.run_batch`.
 
     Returns
     -------

@@ -148,14 +148,10 @@ def bring_up(
 
     Parameters
     ----------
-    config : SessionConfig
-        What runs.
     bag : Path, optional
         Recorded joint states to run on instead of the plant.
     output : Path, optional
         The run's directory, which must not exist; default runs/<time>.
-    command : str
-        The command line, for the report's foot.
     interrupts : Interrupts, optional
         What holds signals back while the graph is entered and left.
 

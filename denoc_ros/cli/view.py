@@ -91,10 +91,6 @@ def open_run(args: argparse.Namespace, path: Path, rate: float) -> OpenedRun:
 
     Parameters
     ----------
-    args : Namespace
-        Of `add_run_options`, and `gravity`.
-    path : Path
-        A bag, or the directory of a run.
     rate : float
         Moments per second, at most.
 
@@ -178,18 +174,6 @@ def wants_pictures(args: argparse.Namespace) -> bool:
 
 def write_pictures(args: argparse.Namespace, path: Path) -> list[Path]:
     """Write the film and the strip that were asked for.
-
-    Parameters
-    ----------
-    args : Namespace
-        Of `add_film_options` and `add_run_options`, and `scale`.
-    path : Path
-        The run.
-
-    Returns
-    -------
-    list of Path
-        What was written.
 
     Raises
     ------

@@ -50,13 +50,7 @@ DESCRIPTION = (
 
 
 def all_kernels(loops: bool = True) -> list[Any]:
-    """Return all that any command or node may compile, heavy ones at both ends.
-
-    Parameters
-    ----------
-    loops : bool
-        Whether those for robots with constraints are among them.
-    """
+    """Return all that any command or node may compile, heavy ones at both ends."""
     for module in pkgutil.iter_modules(package.__path__):
         import_module(f'{package.__name__}.{module.name}')
     found = [each for each in DECLARED if loops or not _module(each).startswith(OF_LOOPS)]

@@ -55,7 +55,6 @@ def analyse_decay(
 
     Parameters
     ----------
-    record : Record
     given : bool
         Whether the record is the decay; else the longest free decay in it is looked for.
     standing : sequence of (float, float)

@@ -37,8 +37,6 @@ def modal_overrides(
 
     Parameters
     ----------
-    robot : Robot
-        The model.
     results : sequence of mapping
         Results of `denoc identify modal`, of the same configuration of the robot. Where several
         have a mode, the one with the narrower interval counts.
@@ -80,8 +78,6 @@ def joint_overrides(result: Mapping[str, Any], joint: str) -> dict[str, float]:
     ----------
     result : mapping
         Result of `denoc identify joint`.
-    joint : str
-        Whose they are.
 
     Raises
     ------
@@ -217,14 +213,10 @@ def overrides_of_results(
 
     Parameters
     ----------
-    robot : Robot
-    results : sequence of mapping
     at : mapping
         Positions of joints [rad, m]; the others' are those of the first result of modes, else 0.
     held, doubtful : bool
         As `modal_overrides` takes them.
-    joint : str
-        Whose the friction is.
 
     Raises
     ------
@@ -261,8 +253,6 @@ def posture_table(
         With their files, which errors name.
     doubtful : bool
         Whether doubtful modes count too.
-    name : str
-        Of the table.
 
     Raises
     ------

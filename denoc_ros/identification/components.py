@@ -299,7 +299,6 @@ def components(t: Array, fit: Damped, span: float) -> tuple[list[Component], tup
     ----------
     t : ndarray, shape (k,)
         Times of the fitted samples from the start of the record [s].
-    fit : Damped
     span : float
         Duration of the record [s].
     """

@@ -67,8 +67,6 @@ def assign_damping(
 
     Parameters
     ----------
-    robot : Robot
-        The model.
     q : (n,)
         Where it rang; amplitudes may be zero.
     frequency, damping_ratio : (k,)

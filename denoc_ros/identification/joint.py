@@ -309,9 +309,6 @@ def joint_result(
 
     Parameters
     ----------
-    reading : Reading
-        The swing.
-    fit : JointFit
     known : bool
         Whether inertia or gravity torque were given: the terms are no longer per inertia.
     mass_per_length, length : float, optional

@@ -176,8 +176,6 @@ def _modal_result(
 
     Parameters
     ----------
-    reading : Reading
-    analysis : DecayAnalysis
     coefficients : mapping
         Place of a mode -> the amplitude of a model that it determines; may be empty.
     model : mapping
@@ -218,8 +216,6 @@ def describe(path: Path, channel: Channel) -> list[Document]:
 
     Parameters
     ----------
-    path : Path
-        A bag or a table.
     channel : Channel
         What it names is all that is described.
 

@@ -257,15 +257,7 @@ def _grid(
 def identify_servos(
     paths: Sequence[Path], options: ServoOptions
 ) -> tuple[Document, list[tuple[ServoFit, Run]]]:
-    """Identify the servos of joints from recordings, which are fitted together.
-
-    Returns
-    -------
-    dict
-        The result, of plain values.
-    list of (ServoFit, Run)
-        The joints that moved, with their recordings one behind the other.
-    """
+    """Identify the servos of joints from recordings, which are fitted together."""
     read = [servo_runs(path, options) for path in paths]
     found: list[tuple[ServoFit, Run]] = []
     none = []

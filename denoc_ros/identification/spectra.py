@@ -64,7 +64,6 @@ def waterfall(record: Record, window: float) -> Waterfall:
 
     Parameters
     ----------
-    record : Record
     window : float
         Length of the windows [s].
     """
@@ -102,8 +101,6 @@ def evolving_spectra(
 
     Parameters
     ----------
-    record : Record
-        A free decay.
     frequencies : ndarray, optional
         Of the modes, damped [Hz], known in advance; default: peaks of the record's spectrum.
     window : float, optional

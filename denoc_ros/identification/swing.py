@@ -58,7 +58,6 @@ def swing_angles(
 
     Parameters
     ----------
-    swing : JointSwing
     t : ndarray, shape (k,)
         From 0, rising [s].
     large : bool
@@ -252,7 +251,6 @@ def fit_swing(
     ----------
     t, y : ndarray, shape (k,)
         Times from the start of the swing [s], measured angles [rad].
-    start : JointSwing
     terms : tuple of str
         Of viscous, coulomb and quadratic.
     large : bool

@@ -372,7 +372,6 @@ def to_arrays(tree: Tree, gravity: Array, geometric_stiffness: bool) -> ModelArr
 
     Parameters
     ----------
-    tree : Tree
     gravity : (3,) [m/s^2], base frame
     geometric_stiffness : bool
         False drops the foreshortening u_x (the book's slow-motion model).

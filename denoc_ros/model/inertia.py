@@ -31,11 +31,6 @@ def from_centre(mass: float, com: Array, inertia: Array) -> RigidInertia:
         Centre of mass in the frame [m].
     inertia : ndarray (3, 3)
         Inertia about the centre of mass, axes of the frame [kg m^2].
-
-    Returns
-    -------
-    RigidInertia
-        About the frame's origin.
     """
     about_origin = inertia + mass * (com @ com * np.eye(3) - np.outer(com, com))
     return RigidInertia(mass, mass * com, about_origin)
@@ -46,8 +41,6 @@ def moved(body: RigidInertia, transform: Array) -> RigidInertia:
 
     Parameters
     ----------
-    body : RigidInertia
-        In its own frame.
     transform : ndarray (4, 4)
         Its frame seen from the other frame.
 

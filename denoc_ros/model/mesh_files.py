@@ -34,7 +34,6 @@ def named_file(reader: Reader, folder: str) -> Path | None:
 
     Parameters
     ----------
-    reader : Reader
     folder : str
         Of the description's file; '' of a text, where it must be an absolute path or a
         `package://` address.

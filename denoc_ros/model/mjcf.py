@@ -466,17 +466,10 @@ def mjcf(
 
     Parameters
     ----------
-    tree : Tree
     gravity : ndarray (3,)
         In the base frame [m/s^2].
     segments : int
         Number N of cells of each flexible link, 1 to 200.
-    folder : path, optional
-        Of the description, from which mesh files are looked for.
-
-    Returns
-    -------
-    Mjcf
 
     Raises
     ------

@@ -49,10 +49,6 @@ def add_visuals(
         The description.
     places : mapping of str to (element, (4, 4))
         Of each link the body that carries it, and its frame there.
-    asset : lxml element
-        `<asset>`, which gets the meshes.
-    folder : path or None
-        Of the description.
 
     Returns
     -------

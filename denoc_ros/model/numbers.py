@@ -330,7 +330,6 @@ def with_numbers(tree: Tree, changes: Mapping[str, Any]) -> Tree | None:
 
     Parameters
     ----------
-    tree : Tree
     changes : mapping of str to number or sequence of numbers
         By dotted path, as :func:`denoc_ros.model.overrides.with_overrides` takes them.
 

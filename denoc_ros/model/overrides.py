@@ -60,11 +60,6 @@ def with_overrides(source: Tree | str | os.PathLike[str], overrides: Mapping[str
     overrides : mapping of str to number, text or sequence of numbers
         By dotted path; a payload is added rigidly to its link.
 
-    Returns
-    -------
-    Tree
-        The changed robot.
-
     Raises
     ------
     ConfigError
@@ -119,9 +114,6 @@ class _Description:
 
     Attributes
     ----------
-    root : lxml element
-        `<robot>`.
-    paths : list of str
     payloads : dict of str to dict of str to array
         Those of the changes, by link and field.
     """
@@ -244,18 +236,7 @@ def _fit_to_segments(beam: Element) -> None:
 
 
 def with_held_base(text: str) -> str:
-    """Return a description whose floating joint is fixed: the base of all that it carries.
-
-    Parameters
-    ----------
-    text : str
-        The description.
-
-    Returns
-    -------
-    str
-        The same text where no joint floats.
-    """
+    """Return a description whose floating joint is fixed: the base of all that it carries."""
     root = parse_xml('robot description', text, whole=True)
     for joint in root.findall('joint'):
         if joint.get('type') == 'floating':

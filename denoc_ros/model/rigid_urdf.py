@@ -51,15 +51,6 @@ class RigidUrdf:
 def read_rigid_urdf(root: Element, findings: Findings, warnings: list[str]) -> RigidUrdf:
     """Return the plain part of a robot.
 
-    Parameters
-    ----------
-    root : lxml element
-        `<robot>`.
-    findings : Findings
-        Gathers what is wrong.
-    warnings : list of str
-        Gathers what should not be, but is in robots that are in use.
-
     Returns
     -------
     RigidUrdf

@@ -69,20 +69,11 @@ def tree_of(root: Element, where: str, text: str, folder: str | None = None) -> 
 
     Parameters
     ----------
-    root : lxml element
-        `<robot>`.
-    where : str
-        Its name in errors.
     text : str
         The description, kept in the tree as its source.
     folder : str, optional
         Of its file, which files that it names are relative to; None: that of `where`, if `where`
         is a file, else it is a text.
-
-    Returns
-    -------
-    Tree
-        As `load_tree`.
 
     Raises
     ------
@@ -288,8 +279,6 @@ class Assembly:
 
         Parameters
         ----------
-        link : str
-            The link, already in the tree.
         origin : ndarray (4, 4)
             The frame seen from the link frame.
         names : collection of str
@@ -369,12 +358,6 @@ def assemble(
     ----------
     robot : RigidUrdf
         Links and joints, a tree.
-    flexible : mapping of str to FlexibleLink
-        The links with a beam.
-    armatures : mapping of str to float
-        By joint.
-    springs : mapping of str to Spring
-        By joint.
 
     Returns
     -------

@@ -121,8 +121,6 @@ def line_figure(panels: Sequence[Panel], height: float = 1.9) -> Figure:
 
     Parameters
     ----------
-    panels : sequence of Panel
-        In reading order.
     height : float
         Of a panel [inch].
     """

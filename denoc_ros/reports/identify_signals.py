@@ -48,17 +48,7 @@ DRAWN = 0.1  # standard deviations of the noise that a decay is drawn down to
 
 
 def decay_page(document: Mapping[str, Any], analysis: DecayAnalysis, command: str) -> ReportPage:
-    """Return the page of one recording's modes.
-
-    Parameters
-    ----------
-    document : mapping
-        The result, as in result.yaml.
-    analysis : DecayAnalysis
-        What it is from.
-    command : str
-        The command line.
-    """
+    """Return the page of one recording's modes."""
     return result_page(
         document,
         f'Modes of {analysis.record.name}',
@@ -391,19 +381,7 @@ def _response(found: ForcedModes) -> PageSection:
 def joint_page(
     document: Mapping[str, Any], record: Record, fit: JointFit, command: str
 ) -> ReportPage:
-    """Return the page of one joint's friction.
-
-    Parameters
-    ----------
-    document : mapping
-        The result, as in result.yaml.
-    record : Record
-        The swing.
-    fit : JointFit
-        What was found.
-    command : str
-        The command line.
-    """
+    """Return the page of one joint's friction."""
     return result_page(
         document,
         f'Friction of {record.name}',
@@ -509,12 +487,8 @@ def servo_page(
 
     Parameters
     ----------
-    document : mapping
-        The result, as in result.yaml.
     found : sequence of (ServoFit, Run)
         Of each joint that moved, with its recordings.
-    command : str
-        The command line.
     """
     said = ', '.join(
         f'{fit.joint} {fit.bandwidth:.3g} Hz, ζ {fit.damping:.2g}, {1e3 * fit.delay:.2g} ms late'

@@ -42,8 +42,6 @@ def loop_measures(statuses: Sequence[Diagnostic], since_ns: int = 0) -> tuple[Lo
 
     Parameters
     ----------
-    statuses : sequence of Diagnostic
-        In order of time.
     since_ns : int
         What was counted before it is left out [ns].
     """

@@ -97,8 +97,6 @@ def measure(recording: RecordedTopics, robot: Robot | None, tip: str) -> tuple[P
 
     Parameters
     ----------
-    recording : RecordedTopics
-        The bag.
     robot : Robot or None
         The robot, for the tip's error; None leaves that out.
     tip : str

@@ -41,8 +41,6 @@ def summarize(robot: Robot, postures: Sequence[Posture] = ()) -> Row:
 
     Parameters
     ----------
-    robot : Robot
-        The robot.
     postures : sequence of Posture
         Where natural frequencies are wanted, beside those with all coordinates zero.
 
@@ -326,13 +324,6 @@ def robot_text(summary: Mapping[str, Any]) -> str:
 
 def summarize_suggestion(suggestion: Suggestion, robot: Robot) -> Row:
     """Return a proposal as plain lists and numbers ready for JSON.
-
-    Parameters
-    ----------
-    suggestion : Suggestion
-        The proposal.
-    robot : Robot
-        Loaded from its text.
 
     Returns
     -------

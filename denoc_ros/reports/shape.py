@@ -189,7 +189,6 @@ def compare(
     ----------
     robot : Robot
         Its base is held if the plan is of one that thrusters hold.
-    plan : Plan
     motion : (k,) and (k, joints) arrays
         Times and joints that were asked for.
     tip : str or sequence of str, optional
@@ -246,16 +245,7 @@ def variations(robot: Robot) -> dict[str, dict[str, Any]]:
 
 
 def page(found: PlanComparison, tree: Tree, provenance: Mapping[str, str]) -> ReportPage:
-    """Return the page.
-
-    Parameters
-    ----------
-    found : PlanComparison
-    tree : Tree
-        Of the robot.
-    provenance : mapping
-        What the page was made from and with.
-    """
+    """Return the page."""
     plan, units = found.plan, Units.of(tree)
     return ReportPage(
         title=TITLES.get(plan.method, 'A motion without swing'),

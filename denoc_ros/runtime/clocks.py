@@ -379,12 +379,7 @@ class SourceClock(_StampedTime):
 
 
 class StampOf:
-    """Gives the stamp [ns] of a moment of a clock [s]; none earlier than before.
-
-    Parameters
-    ----------
-    clock : Clock
-    """
+    """Gives the stamp [ns] of a moment of a clock [s]; none earlier than before."""
 
     def __init__(self, clock: Clock) -> None:
         self._stamp_ns = clock.stamp_ns

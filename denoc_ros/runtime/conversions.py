@@ -138,7 +138,6 @@ class JointStateReader:
 
         Parameters
         ----------
-        raw : bytes
         admit : callable, optional
             Takes the stamp [ns] of a good message before the arrays do; may raise InputError.
         with_effort : bool
@@ -321,7 +320,6 @@ class CommandReader:
 
     Parameters
     ----------
-    joints : sequence of str
     numbers : int
         Of each joint, one joint after the other; the last is the effort.
 

@@ -42,11 +42,6 @@ class LiveStateFeedback:
     What leaves changes without a jump where parameters or the model change, or gains for them are
     refused: the difference fades within `RAMP`.
 
-    Parameters
-    ----------
-    name : str
-        The node's, for messages.
-
     Attributes
     ----------
     active : bool
@@ -168,7 +163,6 @@ class LiveStateFeedback:
 
         Parameters
         ----------
-        follower : ReferenceFollower
         position : (joints,) array
             Where the joints are wanted, or stand.
         """

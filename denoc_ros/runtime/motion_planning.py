@@ -37,14 +37,9 @@ class MotionPlanning:
     ----------
     log : callable
         Takes what is to be logged.
-    done : callable
-        Takes a motion and the planner's answer.
 
     Attributes
     ----------
-    planner : Planner
-    loading : bool
-        Whether the planner is loading the robot.
     load_error : str
         Why the planner could not load the robot; '' where it could.
     """

@@ -24,7 +24,6 @@ class FiniteDifferencer:
 
     Parameters
     ----------
-    joints : int
     gap : float
         s between points after which a difference means nothing and is taken as zero.
     cutoff : float
@@ -161,7 +160,6 @@ class ReferenceFollower:
 
         Parameters
         ----------
-        message : TrajectoryMessage
         now, now_ns : float, int
             When it arrived: steady clock [s], ROS time [ns].
         measured : (n,) array, optional

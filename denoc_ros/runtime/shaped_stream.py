@@ -20,7 +20,6 @@ class ShapedStream:
 
     Parameters
     ----------
-    joints : int
     period : float
         s between ticks.
     stale_after, stop_time : float
@@ -30,8 +29,6 @@ class ShapedStream:
 
     Attributes
     ----------
-    follower : ReferenceFollower
-        It takes the points.
     ending : bool
         Whether the joints brake whatever comes.
     """

@@ -54,7 +54,6 @@ def clock_status(clock: SimulatedClock, silence: float, publishers: int) -> Stat
 
     Parameters
     ----------
-    clock : SimulatedClock
     silence : float
         s of wall time since the last message, or since the node waits for one.
     publishers : int

@@ -16,13 +16,7 @@ DELAY = 1.5  # periods from a gauge's value to the torque: sampling, transport a
 
 
 class StrainFeedback:
-    """Adds the torque of :class:`denoc_ros.dynamics.strain_damping.StrainDamping`.
-
-    Parameters
-    ----------
-    name : str
-        The node's, for messages.
-    """
+    """Adds the torque of :class:`denoc_ros.dynamics.strain_damping.StrainDamping`."""
 
     def __init__(self, name: str) -> None:
         self._name = name
@@ -40,11 +34,6 @@ class StrainFeedback:
 
         Parameters
         ----------
-        robot : Robot
-        joints : sequence of str
-            That are driven.
-        settings : Settings
-            The node's parameters.
         limits : (n,) array
             Effort limits.
 

@@ -77,7 +77,6 @@ def read_trajectory(
 
     Parameters
     ----------
-    raw : bytes
     joints : sequence of str
         The node's n joints.
     bounds : MotionBounds, optional

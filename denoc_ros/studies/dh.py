@@ -38,16 +38,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Write the URDF of a table.
 
-    Parameters
-    ----------
-    args : argparse.Namespace
-        `table`, `output`, `system`, `kinds`.
-
-    Returns
-    -------
-    int
-        0; what is wrong is raised.
-
     Raises
     ------
     ConfigError
@@ -71,11 +61,6 @@ VISUAL_WIDTH = 0.04  # of the longest link
 
 def urdf_text(system: DHSystem) -> str:
     """Return a system's URDF.
-
-    Parameters
-    ----------
-    system : DHSystem
-        A validated table.
 
     Returns
     -------

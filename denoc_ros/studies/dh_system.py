@@ -73,11 +73,6 @@ def load_system(
         R (rigid) or F (flexible) for each link, instead of the table's own. Default: flexible
         where the table gives a rigidity.
 
-    Returns
-    -------
-    DHSystem
-        Validated.
-
     Raises
     ------
     ConfigError
@@ -498,8 +493,6 @@ def read_chains(reader: TableReader, shared: float | None) -> tuple[DHChain, ...
 
     Parameters
     ----------
-    reader : TableReader
-        The system.
     shared : float or None
         EI of links that give none [N m^2].
     """

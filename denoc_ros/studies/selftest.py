@@ -181,7 +181,6 @@ def table(outcomes: Sequence[Outcome], chance: float = 0.0) -> list[Row]:
 
     Parameters
     ----------
-    outcomes : sequence of Outcome
     chance : float
         Of failing a row where the estimators are exactly as good as they must be: 0 holds the
         numbers as they are against the limits, which takes many records; few need a chance such

@@ -80,15 +80,7 @@ def run(args: argparse.Namespace) -> VerbResult:
 
 
 def summarize(study: Study, scenario: Scenario) -> dict[str, Any]:
-    """Return a study's figures, ready for JSON; times in s, deviations in rad or m, powers in W.
-
-    Parameters
-    ----------
-    study : Study
-        As `denoc_ros.studies.stability_study.study_stability` returns it.
-    scenario : Scenario
-        What was studied.
-    """
+    """Return a study's figures, ready for JSON: times in s, deviations in rad or m, powers in W"""
     growing = int(np.argmax(study.growth))
     return {
         'duration_s': float(study.times[-1]),
@@ -170,19 +162,7 @@ SMALLEST = 1e-17  # what a deviation of zero is drawn as
 def page(
     study: Study, scenario: Scenario, subtitle: str, provenance: Mapping[str, str]
 ) -> ReportPage:
-    """Return the page of a study.
-
-    Parameters
-    ----------
-    study : Study
-        What was found.
-    scenario : Scenario
-        What was studied.
-    subtitle : str
-        Which robot and scenario.
-    provenance : mapping
-        What the page was made from and with.
-    """
+    """Return the page of a study."""
     duration = study.times[-1] - study.times[0]
     step = study.times[1] - study.times[0]
     return ReportPage(

@@ -67,11 +67,8 @@ def synthetic_decay(
 
     Parameters
     ----------
-    modes : sequence of Truth
     rate, duration : float
         [Hz], [s]; the record starts at the release.
-    defects : Defects
-    seed : int or numpy Generator
     """
     draw = np.random.default_rng(seed)
     truth = tuple(sorted(modes, key=lambda mode: mode.frequency))
@@ -119,7 +116,6 @@ def damping_bound(t: Array, truth: Sequence[Truth], noise: float, span: float) -
     ----------
     t : ndarray
         Times from the release [s].
-    truth : sequence of Truth
     noise : float
         Standard deviation of white Gaussian noise [unit].
     span : float
@@ -214,13 +210,10 @@ def draw_decay(
 
     Parameters
     ----------
-    case : str
-        A key of CASES.
     snr_db : (float, float)
         Range that the release's ratio of largest value to noise is drawn from.
     clip : float
         Part of the largest value that is cut off.
-    draw : numpy Generator
     """
     modes, rate, duration = CASES[case](draw)
     snr = float(draw.uniform(*snr_db))

@@ -34,8 +34,6 @@ def exaggerated(robot: Robot, q: Array, scale: float) -> Array:
 
     Parameters
     ----------
-    robot : Robot
-    q : (n,) array
     scale : float
         1: as it is; 0: undeflected.
 
@@ -61,20 +59,9 @@ def exaggerated(robot: Robot, q: Array, scale: float) -> Array:
 class BentLink:
     """The surface of a flexible link.
 
-    Parameters
-    ----------
-    robot : Robot
-    outline : LinkSurface
-
     Attributes
     ----------
-    link : str
-    outline : LinkSurface
-        The undeformed surface.
-    vertices : int
-        Their number.
     faces : (f, 3) int array
-    colour : of the undeformed surface
     stations : (s,) array
         Of the cross-sections that vertices hang on [m].
 
@@ -143,15 +130,8 @@ class MeshedLink:
 
     Parameters
     ----------
-    robot : Robot
     body : Body
         With component modes whose file has a surface.
-    colour : of the undeformed surface
-
-    Attributes
-    ----------
-    link, outline, vertices, faces, colour
-        As :class:`BentLink`.
 
     Notes
     -----
@@ -203,8 +183,6 @@ class Bending:
 
     Attributes
     ----------
-    rigid : tuple of LinkSurface
-    flexible : tuple of BentLink or MeshedLink
     links : tuple of str
         All that are drawn.
     """

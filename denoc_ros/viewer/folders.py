@@ -46,8 +46,6 @@ class ModeShapes:
     ----------
     q : (n,) array
         The configuration that the modes are about.
-    found : NaturalModes
-    labels : list of str
     """
 
     def __init__(self, robot: Robot, q: Array) -> None:
@@ -132,8 +130,6 @@ class ModePlayer:
 
     Parameters
     ----------
-    gui : viser's gui
-    robot : Robot
     where : callable
         Returns the coordinates (n,) to find modes at.
     draw : callable
@@ -238,8 +234,6 @@ class JointSliders:
 
     Parameters
     ----------
-    gui : viser's gui
-    robot : Robot
     start : (n,) array
         Where it begins.
     draw : callable
@@ -319,11 +313,8 @@ class Playback:
 
     Parameters
     ----------
-    gui : viser's gui
     run : sequence of Snapshot
         At least one, in order of time.
-    draw : callable
-        Draws a moment.
     watched : callable
         Says whether anybody looks: the run waits else.
     """
@@ -393,7 +384,6 @@ class Ticker:
 
     Parameters
     ----------
-    period : float [s]
     tick : callable
         Takes the time since the last call [s].
     """

@@ -29,8 +29,6 @@ class Arrows:
 
     Parameters
     ----------
-    scene : viser's scene
-    name : str
     reach : float [m]
         Of the robot.
     colour : red, green, blue of 0 .. 255
@@ -76,7 +74,6 @@ class Overlays:
 
     Parameters
     ----------
-    scene : viser's scene
     robot : Robot
         Not shared with another thread.
     """
@@ -199,7 +196,6 @@ def reactions_of(robot: Robot, moment: Snapshot) -> Reactions | None:
 
     Parameters
     ----------
-    robot : Robot
     moment : Snapshot
         Without torques the joints are taken to move on at their rates; without rates to rest.
 

@@ -336,17 +336,7 @@ class Exhibit(NamedTuple):
 
 
 def offer(page: Page, names: Sequence[str], shown: str, load: Callable[[str], Exhibit]) -> None:
-    """Put a list of robots on a page, each with sliders for its joints.
-
-    Parameters
-    ----------
-    page : Page
-    names : sequence of str
-    shown : str
-        The one to begin with.
-    load : callable
-        Returns a robot by its name.
-    """
+    """Put a list of robots on a page, each with sliders for its joints."""
     gui = page.server.gui
     with gui.add_folder('Systems', order=-10.0):
         choice = gui.add_dropdown('Robot', tuple(names), initial_value=shown)

@@ -41,8 +41,6 @@ class Scene:
 
     Parameters
     ----------
-    axes : Axes
-    staging : SceneSetup
     numbered : bool
         Whether coordinates stand beside a flat view.
     noted : bool
@@ -102,11 +100,6 @@ class ComparisonPicture:
 
     Parameters
     ----------
-    staging : SceneSetup
-        Of all motions.
-    names : sequence of str
-        Of the motions, from left to right.
-    title : str
     stated : str
         About the deflection that is drawn.
     size : (int, int)
@@ -172,9 +165,6 @@ class Picture:
 
     Parameters
     ----------
-    run : RecordedRun
-    staging : SceneSetup
-    title : str
     size : (int, int)
         Width and height [pixels].
     """
@@ -220,8 +210,6 @@ def strip(
 
     Parameters
     ----------
-    run, staging, title, size
-        As of :class:`Picture`.
     times : (k,) array
         Of the instants [s].
     """

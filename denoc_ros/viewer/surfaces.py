@@ -29,7 +29,6 @@ class Surfaces:
 
     Parameters
     ----------
-    scene : viser's scene
     robot : Robot
         Not shared with another thread.
     folder : path, optional

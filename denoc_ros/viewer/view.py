@@ -56,7 +56,6 @@ class View:
 
     Parameters
     ----------
-    server : viser's server
     robot : Robot
         Not shared with another thread.
     folder : path, optional
@@ -182,9 +181,6 @@ class Controls:
 
     Parameters
     ----------
-    gui : viser's gui
-    look : ViewOptions
-        To start with.
     changed : callable
         Called, in a thread of viser's, when the user changes something.
     """

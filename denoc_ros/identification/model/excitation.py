@@ -103,8 +103,6 @@ class ExcitationSearch:
 
     Parameters
     ----------
-    space : MotionSpace
-    channels : ExcitedChannels
     times : (k,) array
         At which motions are worked out.
     """
@@ -304,10 +302,6 @@ def design_excitation(
         Of the motions drawn that it starts from.
     progress : callable, optional
         Receives the share of the time limit that is over.
-
-    Returns
-    -------
-    Excitation
 
     Raises
     ------

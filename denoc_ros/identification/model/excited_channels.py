@@ -114,15 +114,6 @@ class PrescribedRobot:
     ----------
     robot : Robot
         Without loops; mimic joints follow their leaders.
-
-    Attributes
-    ----------
-    joints, every_joint : tuple of str
-        The driven joints, and all.
-    units : dict of str to (str, str)
-        Of each joint's position and effort.
-    links : tuple of str
-        The flexible ones.
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -201,9 +192,6 @@ class ExcitedChannels:
 
     Parameters
     ----------
-    along : PrescribedRobot
-        Of the robot as it is.
-    parameters : FreeParameters
     noise : dict of str to float
         Deviation of one sample of each channel: `effort.<joint>` [N m, N], `<sensor>` in the unit
         of its value, `<imu>.gyro` [rad/s] and `<imu>.accel` [m/s^2]; infinite: not recorded.
@@ -337,8 +325,6 @@ def channel_noise(
     ----------
     robot : Robot
         Its sensors have a noise.
-    joints : iterable of str
-        The driven joints.
     given : dict of str to float
         `effort` of all joints, `effort.<joint>`, `<sensor>`, `<imu>.gyro`, `<imu>.accel`;
         infinite: not recorded, as IMUs are whose description has no noise.

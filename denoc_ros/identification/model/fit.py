@@ -157,10 +157,6 @@ def identify_model(
     poses : dict of str to str, optional
         Topic of geometry_msgs/PoseStamped of a tracker to the frame whose pose it has.
 
-    Returns
-    -------
-    IdentifiedModel
-
     Raises
     ------
     ConfigError

@@ -79,7 +79,6 @@ def free_numbers(
 
     Parameters
     ----------
-    robot : Robot
     efforts : dict of str to float
         The largest measured torque of each joint.
     spreads : dict of str to float

@@ -151,7 +151,6 @@ def linked_rows(nearby: NearbyMotion, t: Array, row_t: Array, by_state: Array) -
 
     Parameters
     ----------
-    nearby : NearbyMotion
     t : (k,) array
         Its stamps [s].
     row_t : (m,) array
@@ -177,8 +176,6 @@ class Innovations:
 
     Parameters
     ----------
-    nearby : NearbyMotion
-    rows : LinkedRows
     deviation : (m,) array
         Of each row's own noise.
     rate_noise : (joints of the robot,) array

@@ -50,9 +50,6 @@ class MotionSpace:
 
     Parameters
     ----------
-    along : PrescribedRobot
-        The robot as it is.
-    series : RestSeries
     start : (driven,) array
         Where the motion begins and ends [rad, m].
     limits : MotionLimits
@@ -186,7 +183,6 @@ def deflection_limits(
 
     Parameters
     ----------
-    along : PrescribedRobot
     lengths : dict of str to float
         Of the flexible links [m].
     share : float

@@ -161,7 +161,6 @@ class PreparedRun:
 
     Parameters
     ----------
-    recording : Recording
     robot : Robot
         Whose joints and sensors are meant.
     cutoff : float

@@ -40,9 +40,6 @@ class SensedChannels:
 
     Parameters
     ----------
-    recording : Recording
-    robot : Robot
-        Whose sensors and frames are meant.
     span : (float, float)
         First and last stamp that counts [s].
     thinned : callable
@@ -109,7 +106,6 @@ class SensedChannels:
 
         Parameters
         ----------
-        robot : Robot
         states : (3, j, n) array
             Coordinates, rates and accelerations at the joints' first j stamps.
         settings : SearchPoint

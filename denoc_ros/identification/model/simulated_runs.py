@@ -22,11 +22,6 @@ NEARBY = 0.01  # of theta: derivatives of a point this near serve as well
 class SimulatedRuns:
     """Residuals of all runs by theta, and their derivatives; the last results are kept.
 
-    Parameters
-    ----------
-    runs : sequence of PreparedRun
-    parameters : FreeParameters
-
     Attributes
     ----------
     until : float

@@ -67,16 +67,8 @@ def suggested_beam(
 
     Parameters
     ----------
-    link : str
-        Its name.
-    load : SubtreeInertia
-        Its place in the robot.
-    element : lxml element
-        `<link>`, for its geometry.
     wish : Wish
         The material, and what is worth it.
-    asked : bool
-        Whether it is to be flexible in any case.
     """
     if load.own.mass < SMALLEST:
         return 'it has no mass: a beam takes its share of the <inertial>'

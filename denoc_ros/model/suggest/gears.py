@@ -103,10 +103,8 @@ def suggested_springs(
 
     Parameters
     ----------
-    robot : RigidUrdf
     root : lxml element
         `<robot>`: joints that have a `<spring>` keep it, and are in neither answer.
-    family : GearFamily
     looped : collection of str
         Joints that loops close over.
     """
@@ -153,12 +151,6 @@ def with_springs(
     ----------
     root : lxml element
         `<robot>`, parsed `whole`; changed in place.
-    text : str
-        What it was parsed from.
-    springs : tuple of SpringSuggestion
-        At least one.
-    family : GearFamily
-        Said in a comment.
     """
     block = root.find('flexibility')
     if block is None:

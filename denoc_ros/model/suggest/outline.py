@@ -44,8 +44,6 @@ def outline(link: Element, frame: Array, length: float, folder: Path) -> Outline
 
     Parameters
     ----------
-    link : lxml element
-        `<link>`.
     frame : ndarray (4, 4)
         Beam frame seen from the link frame.
     length : float

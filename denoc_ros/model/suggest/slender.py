@@ -154,8 +154,6 @@ def stiffness(
         What of the link is taken as the beam [kg/m].
     outer : Outline or None
         Its outer size, where the file says it.
-    material : Material
-        What it is made of.
 
     Returns
     -------

@@ -228,14 +228,12 @@ def dynamics_lines(
 
     Parameters
     ----------
-    group : str
     names : (str, str)
         Of the two, as the line says them.
     robots : two of (Robot, sequence of state)
         The verbs are called at the states in turn.
     reach : float
         Largest ratio.
-    effort : Effort
     """
     subjects = []
     for robot, states in robots:

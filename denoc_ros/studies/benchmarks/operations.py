@@ -57,14 +57,7 @@ class Operations:
 
 
 class Counted:
-    """A number that counts its operations; change of sign and comparison are free.
-
-    Parameters
-    ----------
-    value : float
-    tally : Operations
-        What counts.
-    """
+    """A number that counts its operations; change of sign and comparison are free."""
 
     __slots__ = ('tally', 'value')
 
@@ -172,8 +165,6 @@ class CountingKernels:
 
     Attributes
     ----------
-    tally : Operations
-        Of the last call.
     shares : dict of str to int
         Multiplications and additions of the last call by the kernel that does them itself, its
         products of vectors included.
