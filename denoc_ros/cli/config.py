@@ -127,11 +127,6 @@ def load_config(path: str | os.PathLike[str], settings: Sequence[str] = ()) -> S
     settings : sequence of str
         `path=value` each: a dotted path of the file, or one of the model (`beam.`, `joint.`,
         `payload.`), which then holds for the plant and the other nodes alike.
-
-    Raises
-    ------
-    ConfigError
-        With every finding.
     """
     file = find_file(Path(path), Path())
     if file is None:

@@ -42,11 +42,6 @@ def read_motion(
         Named in errors.
     joints : sequence of str
         The robot's joints, in their order; what the file does not name stays at 0.
-
-    Raises
-    ------
-    ConfigError
-        With every finding.
     """
     named = list(joints)
     if 'kind' not in values and isinstance(values.get('joints'), list) and values['joints']:
@@ -171,11 +166,7 @@ def _write_reference(
 
 
 def write_points(
-    file: Path,
-    head: str,
-    joints: Sequence[str],
-    times: Array,
-    motion: tuple[Array, Array, Array],
+    file: Path, head: str, joints: Sequence[str], times: Array, motion: tuple[Array, Array, Array]
 ) -> None:
     """Write a motion as a YAML reference of kind points.
 

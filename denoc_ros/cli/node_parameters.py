@@ -36,11 +36,6 @@ def node_parameters(config: SessionConfig, name: str, phase: Phase, folder: Path
     ----------
     phase : Phase
         What it changes goes over what holds for all phases.
-
-    Raises
-    ------
-    ConfigError
-        With every parameter that the node refuses.
     """
     table = node_table(name)
     given: Parameters = {}

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from denoc_ros import kernels as package
+from denoc_ros.cli.arguments import add_option
 from denoc_ros.cli.progress import Progress
 from denoc_ros.dynamics.robot_model import CONSTRAINT_KERNELS, KERNELS
 from denoc_ros.dynamics.stepper import DRIVEN_KERNELS
@@ -126,11 +127,6 @@ def compile_all(wanted: Sequence[Any], watch: Callable[[], None] = lambda: None)
         Each declared in denoc_ros.kernels.
     watch : callable
         Called while they work; may raise.
-
-    Raises
-    ------
-    DenocError
-        A process failed.
     """
     names = [_name(each) for each in wanted]
     processes = [
@@ -192,12 +188,12 @@ if __name__ == '__main__':
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
-    parser.add_argument(
-        'robot',
+    add_option(
+        parser,
+        'robot ROBOT.urdf',
+        'leave out the kernels for kinematic loops and mimic joints if this robot has none',
         nargs='?',
         type=Path,
-        metavar='ROBOT.urdf',
-        help=('leave out the kernels for kinematic loops and mimic joints if this robot has none'),
     )
 
 

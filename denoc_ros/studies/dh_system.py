@@ -72,11 +72,6 @@ def load_system(
     kinds : str, optional
         R (rigid) or F (flexible) for each link, instead of the table's own. Default: flexible
         where the table gives a rigidity.
-
-    Raises
-    ------
-    ConfigError
-        With every finding of the table.
     """
     where = os.fspath(path)
     content = read_yaml_file(Path(where))

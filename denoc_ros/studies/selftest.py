@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import binom
 
-from denoc_ros.cli.arguments import add_json
+from denoc_ros.cli.arguments import add_json, add_option
 from denoc_ros.cli.batch import FAILURE, add_worker_options, run_batch, worker_config
 from denoc_ros.cli.identify_options import Action
 from denoc_ros.cli.verb_result import VerbResult
@@ -252,11 +252,6 @@ def selftest(
         Draws the same records again.
     outcomes : list of Outcome
         See table.
-
-    Raises
-    ------
-    IdentificationError
-        The seed is negative.
     """
     if seed is None:
         seed = int(np.random.SeedSequence().generate_state(1)[0])
@@ -269,9 +264,9 @@ CHANCE_OF_SHORT = 1e-4  # that a short self-test fails estimators that are just 
 
 
 def _add_selftest(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument('--full', action='store_true', help='ten times as many records')
-    parser.add_argument(
-        '--seed', type=int, help='seed, to repeat a run; default: drawn now, and printed'
+    add_option(parser, '--full', 'ten times as many records')
+    add_option(
+        parser, '--seed', 'seed, to repeat a run; default: drawn now, and printed', type=int
     )
     add_json(parser)
     add_worker_options(parser)

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from denoc_ros.cli.arguments import add_json, given_file
+from denoc_ros.cli.arguments import add_json, add_option, given_file
 from denoc_ros.cli.progress import share_bar
 from denoc_ros.cli.simulate import load
 from denoc_ros.cli.verb_result import VerbResult
@@ -49,9 +49,9 @@ DESCRIPTION = (
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
-    parser.add_argument('robot', help='the URDF file')
-    parser.add_argument(
-        'scenario', help='a YAML file with torques, such as config/scenarios/stability_*.yaml'
+    add_option(parser, 'robot', 'the URDF file')
+    add_option(
+        parser, 'scenario', 'a YAML file with torques, such as config/scenarios/stability_*.yaml'
     )
     parser.add_argument(
         '-o',

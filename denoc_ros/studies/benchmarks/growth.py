@@ -18,13 +18,7 @@ from denoc_ros.studies.benchmarks.results import (
     Reach,
     compared,
 )
-from denoc_ros.studies.benchmarks.rigid import (
-    TOLERANCE,
-    State,
-    check,
-    random_states,
-    results,
-)
+from denoc_ros.studies.benchmarks.rigid import TOLERANCE, State, check, random_states, results
 from denoc_ros.studies.benchmarks.timing import Effort, Spread, Subject, Times, compare, ratio
 
 LINKS = (8, 16, 32, 64, 128)

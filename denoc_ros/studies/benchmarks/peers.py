@@ -18,13 +18,7 @@ State = tuple[Array, ...]
 
 
 class Pinocchio:
-    """Pinocchio's model of a URDF text whose joints turn within limits.
-
-    Raises
-    ------
-    DenocError
-        It is not installed.
-    """
+    """Pinocchio's model of a URDF text whose joints turn within limits."""
 
     def __init__(self, text: str) -> None:
         try:
