@@ -69,11 +69,6 @@ class BackgroundWriter:
         Gives the free bytes at a path.
     queue_bytes : int
         Most memory that the waiting messages may take; more are lost, and counted by topic.
-
-    Raises
-    ------
-    BagError
-        When a number is out of range.
     """
 
     def __init__(

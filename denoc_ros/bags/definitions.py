@@ -34,11 +34,6 @@ def message_definition(type_name: str) -> str:
     type_name : str
         `package/msg/Name`. Types beyond the common interfaces are looked up below
         `share/package/msg` of every prefix in AMENT_PREFIX_PATH.
-
-    Raises
-    ------
-    BagError
-        When nothing defines the type.
     """
     require_type(type_name)
     text, _ = message_types().generate_msgdef(type_name, ros_version=2)

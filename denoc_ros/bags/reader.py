@@ -359,11 +359,6 @@ def read_thinned(
         of each topic is always kept.
     early_ns, late_ns : float
         What is kept lies between them, since the first message of these topics [ns].
-
-    Raises
-    ------
-    BagError
-        As `read_raw`.
     """
     source = require_readable(Path(path))
     parts = mcap_files(source)

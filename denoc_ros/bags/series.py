@@ -38,10 +38,7 @@ INERTIAL_NUMBERS = {
     'geometry_msgs/msg/AccelStamped': _axes('accel.linear'),
 }
 POSE_NUMBERS = {
-    'geometry_msgs/msg/PoseStamped': (
-        *_axes('pose.position'),
-        *_axes('pose.orientation', 'xyzw'),
-    )
+    'geometry_msgs/msg/PoseStamped': (*_axes('pose.position'), *_axes('pose.orientation', 'xyzw'))
 }
 ODOMETRY_NUMBERS = {  # the twist is in the axes of the child frame
     ODOMETRY: (
@@ -229,13 +226,7 @@ class JointStateColumns:
         return len(self._stamps)
 
     def append(self, raw: bytes, log_ns: int) -> None:
-        """Take in one message's CDR bytes; a zero stamp counts as its log time [ns].
-
-        Raises
-        ------
-        BagError
-            When they are no JointState.
-        """
+        """Take in one message's CDR bytes; a zero stamp counts as its log time [ns]."""
         layout = self._layout
         if layout is None or not layout.fits(raw):
             layout = self._layout = self._learn(raw)

@@ -128,9 +128,7 @@ class McapFile:
         self.contents = FileContents(path.name)
         self._disk = DiskFile(path)
         self._writer = Writer(
-            self._disk,
-            chunk_size=chunk_size,
-            compression=COMPRESSIONS[compression],
+            self._disk, chunk_size=chunk_size, compression=COMPRESSIONS[compression]
         )
         self._schemas: dict[str, Schema] = {}
         self._channels: dict[str, Channel] = {}
@@ -225,13 +223,7 @@ class McapFile:
 
 
 def require_bounded_chunks(path: Path) -> None:
-    """Refuse a file with chunks that would fill the memory, however small they are on the disk.
-
-    Raises
-    ------
-    BagError
-        With the size.
-    """
+    """Refuse a file with chunks that would fill the memory, however small they are on the disk."""
     with path.open('rb') as stream:
         summary = make_reader(stream).get_summary()
     chunks = summary.chunk_indexes if summary is not None else ()
@@ -506,13 +498,7 @@ def _opened(data: bytes, compression: str, most: int) -> bytes:
 
 
 def require_bounded(chunks: Iterable[tuple[int, int, int]]) -> None:
-    """Refuse chunks that would fill the memory; (first time, last time, size [bytes]) of each.
-
-    Raises
-    ------
-    ValueError
-        With the size of one, or of all that are open at once.
-    """
+    """Refuse chunks that would fill the memory; (first time, last time, size [bytes]) of each."""
     steps = []
     for begin, end, size in chunks:
         if size > LARGEST_CHUNK:

@@ -60,11 +60,6 @@ def analyse_decay(
     standing : sequence of (float, float)
         From when to when the joints stand [s], where that is known: the decay is looked for
         there, and a given window that they move in is doubted.
-
-    Raises
-    ------
-    IdentificationError
-        As `fit_modes`.
     """
     if given:
         window_by = 'given'

@@ -12,11 +12,7 @@ from denoc_ros.errors import IdentificationError
 from denoc_ros.identification.channel import Reading
 from denoc_ros.identification.curves import NORMAL_95
 from denoc_ros.identification.damped import independent_samples
-from denoc_ros.identification.decrement import (
-    Convention,
-    critical_joint_damping,
-    log_decrement,
-)
+from denoc_ros.identification.decrement import Convention, critical_joint_damping, log_decrement
 from denoc_ros.identification.modes import DOUBTFUL, GOOD, NOT_IDENTIFIABLE
 from denoc_ros.identification.records import Record, assess, doubtful_rate
 from denoc_ros.identification.result import quality_of, source_of

@@ -258,13 +258,7 @@ def write_result(folder: Path, document: Mapping[str, Any]) -> None:
 
 
 def read_result(path: Path) -> Document:
-    """Return a result from its file, or from the folder it is in.
-
-    Raises
-    ------
-    IdentificationError
-        When it cannot be read or is no result.
-    """
+    """Return a result from its file, or from the folder it is in."""
     file = path / RESULT_FILE if path.is_dir() else path
     try:
         document = read_yaml_file(file)

@@ -122,9 +122,7 @@ def read_commands(path: Path, topic: str, stamp: Stamp = 'header') -> Commands:
     )
 
 
-def _trajectory(
-    item: BagMessage,
-) -> list[tuple[int, tuple[str, ...], SplineTrajectory | Array]]:
+def _trajectory(item: BagMessage) -> list[tuple[int, tuple[str, ...], SplineTrajectory | Array]]:
     """Return a trajectory, or a streamed point, from when it holds; none without points."""
     points = item.message.points
     names = tuple(item.message.joint_names)

@@ -238,12 +238,7 @@ def refine_friction(
 
 
 def fit_swing(
-    t: Array,
-    y: Array,
-    start: JointSwing,
-    terms: Terms,
-    large: bool,
-    steps: int = STEPS_PER_CYCLE,
+    t: Array, y: Array, start: JointSwing, terms: Terms, large: bool, steps: int = STEPS_PER_CYCLE
 ) -> SwingFit:
     """Fit one set of friction terms from one start: the equation of motion is integrated.
 

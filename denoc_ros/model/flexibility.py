@@ -150,11 +150,7 @@ def _add_sensors(
 
 
 def _add_component_link(
-    element: Element,
-    links: set[str],
-    flexibility: Flexibility,
-    folder: str,
-    findings: Findings,
+    element: Element, links: set[str], flexibility: Flexibility, folder: str, findings: Findings
 ) -> None:
     link = element.get('link', '')
     if link in flexibility.flexible_links | flexibility.component_names:
@@ -301,10 +297,7 @@ def _read_bendings(
 
 
 def _read_torsion(
-    reader: Reader,
-    section: BeamSection | None,
-    stations: Mapping[str, Profile],
-    segments: int,
+    reader: Reader, section: BeamSection | None, stations: Mapping[str, Profile], segments: int
 ) -> tuple[DeformationElement | None, float | None]:
     """Return the deformation and the polar inertia per length, None where not given."""
     element = at_most_one(reader, 'torsion')

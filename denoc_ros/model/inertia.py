@@ -55,9 +55,7 @@ def moved(body: RigidInertia, transform: Array) -> RigidInertia:
     cross = np.outer(shift, turned)
     parallel -= cross + cross.T + body.mass * np.outer(shift, shift)
     return RigidInertia(
-        body.mass,
-        turned + body.mass * shift,
-        rotation @ body.inertia @ rotation.T + parallel,
+        body.mass, turned + body.mass * shift, rotation @ body.inertia @ rotation.T + parallel
     )
 
 
@@ -134,9 +132,7 @@ def beam_inertia(
     across = mass_per_length * length**3 * along.moment(2)
     first = mass_per_length * length**2 * along.moment(1)
     return RigidInertia(
-        mass,
-        np.array([first, 0.0, 0.0]),
-        np.diag([polar_inertia * length, across, across]),
+        mass, np.array([first, 0.0, 0.0]), np.diag([polar_inertia * length, across, across])
     )
 
 

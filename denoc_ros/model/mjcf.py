@@ -456,12 +456,7 @@ class _Writer:
                 )  # fmt: skip
 
 
-def mjcf(
-    tree: Tree,
-    gravity: Array,
-    segments: int = SEGMENTS,
-    folder: Path | None = None,
-) -> Mjcf:
+def mjcf(tree: Tree, gravity: Array, segments: int = SEGMENTS, folder: Path | None = None) -> Mjcf:
     """Return a robot as MuJoCo's model.
 
     Parameters

@@ -36,10 +36,7 @@ def add_rod(element: Element, beam: Beam, length: float) -> None:
 
 
 def add_visuals(
-    source: str,
-    places: Mapping[str, tuple[Element, Array]],
-    asset: Element,
-    folder: Path | None,
+    source: str, places: Mapping[str, tuple[Element, Array]], asset: Element, folder: Path | None
 ) -> list[str]:
     """Add visuals and collision shapes of rigid links.
 

@@ -30,12 +30,7 @@ from denoc_ros.model.numbers import (
     other_names,
     plain_paths,
 )
-from denoc_ros.model.payloads import (
-    WHERE,
-    carrying_links,
-    read_payload,
-    with_payloads,
-)
+from denoc_ros.model.payloads import WHERE, carrying_links, read_payload, with_payloads
 from denoc_ros.model.poses import number_text, rotation_rpy, rpy_of
 from denoc_ros.model.source import parse_xml, read_source, written
 from denoc_ros.model.tree import INERTIAL_PARTS, Tree
@@ -95,11 +90,6 @@ def edited_description(source: str | os.PathLike[str], overrides: Mapping[str, A
         A file's path or XML text.
     overrides : mapping
         As `with_overrides`, without payloads: a description has no place for them.
-
-    Raises
-    ------
-    ConfigError, ModelError
-        As `with_overrides`.
     """
     where, text = read_source(source)
     description = _Description(parse_xml(where, text, whole=True))

@@ -17,10 +17,7 @@ from denoc_ros.model.flexibility import Flexibility, LoopElement, check_springs,
 from denoc_ros.model.inertia import inverse_transform, moved, total
 from denoc_ros.model.rigid_urdf import RigidUrdf, RigidUrdfJoint, read_rigid_urdf
 from denoc_ros.model.segments import locate
-from denoc_ros.model.sensors import (
-    make_sensor,
-    make_strain_sensor,
-)
+from denoc_ros.model.sensors import make_sensor, make_strain_sensor
 from denoc_ros.model.source import TEXT_NAME, parse_xml, read_source
 from denoc_ros.model.tree import (
     Attachment,
@@ -74,11 +71,6 @@ def tree_of(root: Element, where: str, text: str, folder: str | None = None) -> 
     folder : str, optional
         Of its file, which files that it names are relative to; None: that of `where`, if `where`
         is a file, else it is a text.
-
-    Raises
-    ------
-    ModelError
-        With every finding.
     """
     findings, warnings = Findings(), list[str]()
     robot = read_rigid_urdf(root, findings, warnings)
@@ -400,10 +392,7 @@ def _add_root(assembly: Assembly, root: str, robot: RigidUrdf) -> None:
 
 
 def _add_link(
-    assembly: Assembly,
-    joint: RigidUrdfJoint,
-    inertia: RigidInertia | None,
-    moving: Joint,
+    assembly: Assembly, joint: RigidUrdfJoint, inertia: RigidInertia | None, moving: Joint
 ) -> None:
     at = _attach(assembly, joint)
     inertia = RigidInertia() if inertia is None else inertia

@@ -8,12 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from denoc_ros.identification.analysis import (
-    DecayAnalysis,
-    held_out,
-    own_decay,
-    residual_spectrum,
-)
+from denoc_ros.identification.analysis import DecayAnalysis, held_out, own_decay, residual_spectrum
 from denoc_ros.identification.forced import ForcedModes
 from denoc_ros.identification.joint import FrictionModel, JointFit
 from denoc_ros.identification.records import Record
@@ -212,12 +207,7 @@ def _waterfall(analysis: DecayAnalysis) -> PageSection | None:
     shown = fall.frequency < min(2.5 * modes.frequency.max(), fall.frequency[-1])
     step = 0.25 * float(fall.magnitude.max())
     curves = [
-        Curve(
-            '',
-            PHASE_COLOURS[1],
-            fall.frequency[shown],
-            fall.magnitude[k][shown] + step * place,
-        )
+        Curve('', PHASE_COLOURS[1], fall.frequency[shown], fall.magnitude[k][shown] + step * place)
         for place, k in enumerate(chosen)
     ]
     panel = Panel(
@@ -279,13 +269,7 @@ def _residual(analysis: DecayAnalysis) -> PageSection:
         Curve('measured', TRUTH_COLOUR, frequency[1:], np.maximum(signal[1:], floor)),
         Curve('residual', PHASE_COLOURS[0], frequency[1:], np.maximum(rest[1:], floor)),
     ]
-    panel = Panel(
-        'amplitude',
-        analysis.record.unit,
-        curves,
-        x_label='frequency [Hz]',
-        log_y=True,
-    )
+    panel = Panel('amplitude', analysis.record.unit, curves, x_label='frequency [Hz]', log_y=True)
     rows = [
         [f'{line.frequency:.4g}', engineering(line.amplitude, analysis.record.unit), line.origin]
         for line in analysis.modes.lines

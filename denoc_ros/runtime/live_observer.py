@@ -35,11 +35,6 @@ def build_observer(
         Of the loop [s].
     posture : (n,) array
         Near which loops are closed.
-
-    Raises
-    ------
-    StateError, SolverError
-        As :class:`Observer`.
     """
     fuse = settings.text('strain') == 'fuse'
     observer = Observer(

@@ -74,13 +74,7 @@ class MotionBounds:
         self.table: Array = np.array((lower, upper, backwards, rates), dtype=np.float64)
 
     def require(self, position: Array, velocity: Array | None = None) -> None:
-        """Refuse a state (n,), (n,) beyond the bounds.
-
-        Raises
-        ------
-        InputError
-            Cause `out_of_range`.
-        """
+        """Refuse a state (n,), (n,) beyond the bounds."""
         lower, upper, rates, backwards = self._bounds
         values = position.tolist()
         if not (all(map(le, lower, values)) and all(map(le, values, upper))):

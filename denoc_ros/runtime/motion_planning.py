@@ -173,12 +173,7 @@ def robot_job(settings: Settings, description: str) -> dict[str, Any]:
 
 
 def mode_table(settings: Settings) -> ModeTable | None:
-    """Return the measured modes that a file has; None where none is named.
-
-    Raises
-    ------
-    ConfigError
-    """
+    """Return the measured modes that a file has; None where none is named."""
     path = settings.text('mode_table')
     return read_mode_table(path) if path else None
 
@@ -186,12 +181,7 @@ def mode_table(settings: Settings) -> ModeTable | None:
 def check_planning(
     robot: Robot, joints: Sequence[str], settings: Settings, table: ModeTable | None = None
 ) -> None:
-    """Refuse limits and servos that do not fit the joints, and impossible methods.
-
-    Raises
-    ------
-    DenocError
-    """
+    """Refuse limits and servos that do not fit the joints, and impossible methods."""
     method, tip = settings.text('method'), settings.text('tip')
     if table is None:
         require_flexible(robot)
@@ -215,13 +205,7 @@ def check_planning(
 
 
 def given_limits(settings: Settings, joints: Sequence[str]) -> dict[str, dict[str, float] | float]:
-    """Return the limits that are given: one number for all joints, or each joint's.
-
-    Raises
-    ------
-    StateError
-        As many as there are no joints.
-    """
+    """Return the limits that are given: one number for all joints, or each joint's."""
     found: dict[str, dict[str, float] | float] = {}
     for what in LIMITS:
         values = settings.numbers(f'limits.{what}')

@@ -140,13 +140,7 @@ class ParameterTable:
         return next(iter(exact or [row for row in self.rows if row.matches(name)]), None)
 
     def accept(self, name: str, value: object) -> Value:
-        """Return `value` as its row's type.
-
-        Raises
-        ------
-        ValueError
-            With the sentence that says what must hold.
-        """
+        """Return `value` as its row's type."""
         row = self.row(name)
         if row is None:
             names = [row.name for row in self.rows]
@@ -160,13 +154,7 @@ class ParameterTable:
         return [name for name in names if self.row(name) is None]
 
     def settings(self, given: Mapping[str, object], where: str) -> Settings:
-        """Return defaults overlaid with `given`.
-
-        Raises
-        ------
-        ConfigError
-            With every finding.
-        """
+        """Return defaults overlaid with `given`."""
         values = {row.name: row.default for row in self.rows if row.default is not None}
         findings = []
         for name, value in given.items():
@@ -178,13 +166,7 @@ class ParameterTable:
         return Settings(values)
 
     def changes(self, settings: Settings, given: Mapping[str, object]) -> dict[str, Value]:
-        """Return the accepted live changes `given` to `settings`.
-
-        Raises
-        ------
-        ValueError
-            With the sentence that says what must hold.
-        """
+        """Return the accepted live changes `given` to `settings`."""
         accepted: dict[str, Value] = {}
         for name, value in given.items():
             new = self.accept(name, value)

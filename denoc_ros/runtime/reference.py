@@ -33,11 +33,7 @@ class FiniteDifferencer:
     """
 
     def __init__(
-        self,
-        joints: int,
-        gap: float,
-        cutoff: float = math.inf,
-        bounds: MotionBounds | None = None,
+        self, joints: int, gap: float, cutoff: float = math.inf, bounds: MotionBounds | None = None
     ) -> None:
         self._bounds = bounds
         self._gap = gap

@@ -98,8 +98,7 @@ def loop_status(statistics: LoopStatistics, load: LoopLoad, late_share: float) -
         status.worsen(WARN, finding)
     if statistics.late_share > late_share:
         status.worsen(
-            WARN,
-            f'{100 * statistics.late_share:.1f} % of ticks late by more than half a period',
+            WARN, f'{100 * statistics.late_share:.1f} % of ticks late by more than half a period'
         )
     return status
 

@@ -200,11 +200,7 @@ class Picture:
 
 
 def strip(
-    run: RecordedRun,
-    staging: SceneSetup,
-    title: str,
-    size: tuple[int, int],
-    times: Array,
+    run: RecordedRun, staging: SceneSetup, title: str, size: tuple[int, int], times: Array
 ) -> Pixels:
     """Return several instants of a run side by side, (height, width, 3).
 

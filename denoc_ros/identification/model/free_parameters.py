@@ -22,13 +22,7 @@ from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.robot_model import with_numbers_of
 from denoc_ros.errors import ConfigError
 from denoc_ros.model.arrays import inertia_row
-from denoc_ros.model.inertia import (
-    difference,
-    inverse_transform,
-    moved,
-    pseudo_inertia,
-    total,
-)
+from denoc_ros.model.inertia import difference, inverse_transform, moved, pseudo_inertia, total
 from denoc_ros.model.link_side import motors_behind
 from denoc_ros.model.numbers import match, some_of, values_of
 from denoc_ros.model.payloads import carrying_links, payloads_of

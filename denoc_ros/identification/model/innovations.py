@@ -185,12 +185,7 @@ class Innovations:
     """
 
     def __init__(
-        self,
-        nearby: NearbyMotion,
-        rows: LinkedRows,
-        deviation: Array,
-        rate_noise: Array,
-        t: Array,
+        self, nearby: NearbyMotion, rows: LinkedRows, deviation: Array, rate_noise: Array, t: Array
     ) -> None:
         f = len(nearby.free)
         by_joints = nearby.by_joints * rate_noise

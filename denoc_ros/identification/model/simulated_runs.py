@@ -111,10 +111,7 @@ class SimulatedRuns:
         return kept[2]
 
     def _differences(
-        self,
-        theta: Array,
-        places: Sequence[int],
-        motions_of: Callable[[Robot], list[Motion]],
+        self, theta: Array, places: Sequence[int], motions_of: Callable[[Robot], list[Motion]]
     ) -> Array:
         """Derivatives of the residuals (m, c) by differences of neighbouring robots."""
         here = self.residuals(theta)
