@@ -159,7 +159,8 @@ def run(args: argparse.Namespace) -> VerbResult:
         **summarize(replay),
         'bag': str(bag),
     }
-    sources = {'bag': named_file(bag), 'robot': named_text(_robot_name(args), robot.tree.source)}
+    name = Path(args.robot).name if args.robot else 'the one in the bag'
+    sources = {'bag': named_file(bag), 'robot': named_text(name, robot.tree.source)}
     shown = page(replay, summary, robot, provenance(args.command, sources))
     replaced = ' (replaced)' if report.exists() else ''
     write_text(report, shown.html())
@@ -181,10 +182,6 @@ def _as_bag(args: argparse.Namespace, path: Path, robot: Robot) -> Iterator[Path
     times = settings_of(TableTimes, args)
     with TemporaryDirectory(prefix='denoc-') as folder:
         yield bag_of_table(path, robot.joint_names, Path(folder, 'table.mcap'), args.column, times)
-
-
-def _robot_name(args: argparse.Namespace) -> str:
-    return Path(args.robot).name if args.robot else 'the one in the bag'
 
 
 def _default_output(run: Path, bag: Path) -> Path:

@@ -275,7 +275,9 @@ def summarize(plan: Plan, times: NDArray[Any]) -> dict[str, Any]:
         'tip_error_after_m': float(plan.tip_error[~moving].max(initial=0.0)),
         'tip_turn_rad': float(plan.tip_turn.max()),
         'equation_error_m': plan.equation_error,
-        'largest_torque': _by_name(plan, np.abs(plan.torque).max(axis=0)),
+        'largest_torque': dict(
+            zip(plan.joint_names, np.abs(plan.torque).max(axis=0).tolist(), strict=True)
+        ),
         **_of_base(plan),
         **_of_limits(plan),
     }
@@ -298,10 +300,6 @@ def _of_base(plan: Plan) -> dict[str, Any]:
     parts = plan.base_wrench[:, :3], plan.base_wrench[:, 3:]
     force, torque = (float(np.linalg.norm(part, axis=1).max()) for part in parts)
     return {'base_force_N': force, 'base_torque_Nm': torque}
-
-
-def _by_name(plan: Plan, values: NDArray[Any]) -> dict[str, float]:
-    return dict(zip(plan.joint_names, values.tolist(), strict=True))
 
 
 def _page(

@@ -167,7 +167,9 @@ def _of_path(run_path: Path, command: str) -> Report:
         'loops': {loop.node: loop.summary() for loop in loops},
         'warnings': warned,
         'messages': recording.counts,
-        'recorder': _latest(statuses).get('recorder: recording', {}),
+        'recorder': {status.name: status.values for status in statuses}.get(
+            'recorder: recording', {}
+        ),
         **({'simulated': simulated.summary()} if simulated else {}),
         **{key: session[key] for key in NOTED if key in session},
     }
@@ -211,10 +213,6 @@ def _robot(
         return plant_of(robot, session), ()
     except DenocError as error:
         return None, (f'the robot is left out: {error}',)
-
-
-def _latest(statuses: Sequence[Diagnostic]) -> dict[str, dict[str, str]]:
-    return {status.name: status.values for status in statuses}
 
 
 @dataclass(frozen=True)

@@ -300,9 +300,8 @@ def _cards(found: PlanComparison) -> list[Card]:
 def _tip(found: PlanComparison) -> PageSection:
     pairs = zip((PLAIN, SHAPED), PHASE_COLOURS, (found.plain, found.shaped), strict=False)
     curves = [Curve(name, colour, run.t, run.error) for name, colour, run in pairs]
-    logarithmic = [
-        Curve(c.label, c.colour, c.t, np.maximum(c.y, 1e-3 * _smallest(found))) for c in curves
-    ]
+    least = 1e-3 * max(1e-9, min(found.plain.rms, found.shaped.rms))
+    logarithmic = [Curve(c.label, c.colour, c.t, np.maximum(c.y, least)) for c in curves]
     figure = line_figure(
         [
             Panel('Tip off what was asked', 'm', curves),
@@ -315,11 +314,6 @@ def _tip(found: PlanComparison) -> PageSection:
         'have it; simulated on this model, the joints exactly on either motion.'
     )
     return PageSection('The tip', text, [figure])
-
-
-def _smallest(found: PlanComparison) -> float:
-    """Lower end of a logarithmic figure [m]."""
-    return max(1e-9, min(found.plain.rms, found.shaped.rms))
 
 
 def _joints(found: PlanComparison, units: Units) -> PageSection:

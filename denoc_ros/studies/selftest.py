@@ -361,7 +361,7 @@ def _outcome(
         errors=tuple(float(reported[i][0] / zeta[i] - 1.0) for i in hits),
         bounds=tuple(float(decay.bound[i]) for i in hits),
         reported=len(reported),
-        covered=sum(_inside(interval, zeta[i]) for i, (_, interval) in reported.items()),
+        covered=sum(low <= zeta[i] <= high for i, (_, (low, high)) in reported.items()),
         spurious=spurious,
         seconds=seconds,
     )
@@ -391,10 +391,6 @@ def _spectra_outcome(job: Job, decay: Decay, start: float) -> Outcome:
         i: (one.damping_ratio, one.interval) for i, one in enumerate(decays) if not one.reasons
     }
     return _outcome(job, decay, list(held), held, 0, time.process_time() - start)
-
-
-def _inside(interval: Array, value: float) -> bool:
-    return bool(interval[0] <= value <= interval[1])
 
 
 def table(outcomes: Sequence[Outcome], chance: float = 0.0) -> list[Row]:

@@ -190,7 +190,11 @@ class Bending:
     def __init__(self, robot: Robot, folder: Path | None = None) -> None:
         self._robot = robot
         bends = {beam.link for beam in whole_beams(robot.tree)}
-        meshed = {body.name: body for body in robot.tree.bodies if _has_surface(body)}
+        meshed = {
+            body.name: body
+            for body in robot.tree.bodies
+            if body.modes is not None and body.modes.link.surface is not None
+        }
         drawn = outlines(robot, folder)
         colours = {outline.link: outline.colour for outline in drawn}
         still = [outline for outline in drawn if outline.link not in bends | meshed.keys()]
@@ -217,10 +221,6 @@ class Bending:
     def strains(self, q: Array) -> tuple[Array, ...]:
         """Return the bending strains (v,) of the vertices of `flexible` at coordinates (n,)."""
         return tuple(part.strain(q) for part in self.flexible)
-
-
-def _has_surface(body: Body) -> bool:
-    return body.modes is not None and body.modes.link.surface is not None
 
 
 def strain_colours(strain: Array, limit: float) -> NDArray[np.uint8]:

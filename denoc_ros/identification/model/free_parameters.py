@@ -297,7 +297,8 @@ class FreeParameters:
     ) -> None:
         self.robot = robot
         numbers = {n.path: n for n in free_numbers(robot, efforts or {}, spreads or {})}
-        blocks = {block.path: block for block in _blocks(robot)}
+        bodies = filter(_is_possible, robot.tree.bodies)
+        blocks = {block.path: block for block in map(InertialBlock, bodies)}
         hidden = _hidden(robot, numbers)
         chosen = _chosen(
             free, [path for path in (*numbers, *blocks) if path not in hidden], hidden
@@ -524,11 +525,6 @@ def _chosen(free: Sequence[str], known: Sequence[str], hidden: Set[str]) -> list
         findings.append('--free must name what is free, got nothing')
     ConfigError.raise_any(WHERE, findings)
     return list(chosen)
-
-
-def _blocks(robot: Robot) -> list[InertialBlock]:
-    """Return the rigid bodies that have a mass, and an inertia that a body can have."""
-    return [InertialBlock(body) for body in robot.tree.bodies if _is_possible(body)]
 
 
 def _is_possible(body: Body) -> bool:
