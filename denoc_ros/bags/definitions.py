@@ -45,8 +45,6 @@ def encode(type_name: str, stamp_ns: int, fields: Mapping[str, Any]) -> bytes:
 
     Parameters
     ----------
-    type_name : str
-        `package/msg/Name`.
     stamp_ns : int
         Goes into `header.stamp` of a type with a header that is not among the fields [ns].
     fields : mapping
@@ -75,10 +73,6 @@ def decode(types: Any, type_name: str, raw: bytes) -> tuple[Any, int]:
 
     Parameters
     ----------
-    types : rosbags.typesys.store.Typestore
-        Where the type is defined.
-    type_name : str
-        `package/msg/Name`.
     raw : bytes
         CDR. What rclpy's `serialize_message` appends to it (up to 8 uninitialised bytes, at
         which rosbags itself takes offence) is passed over.

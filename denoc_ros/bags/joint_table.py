@@ -54,8 +54,6 @@ def joint_columns(
     ----------
     named : mapping of str to str
         `joint.field` to the column that it is taken from, whatever the names.
-    fields : sequence of str
-        Of a joint; default: position, velocity and effort.
 
     Raises
     ------
@@ -119,11 +117,6 @@ def table_times(
     path: Path, columns: Table, times: TableTimes, rows: int
 ) -> tuple[str, str, Array]:
     """Return a table's column of times, its unit, and the times from the first row on [s].
-
-    Parameters
-    ----------
-    rows : int
-        How many times a rate makes.
 
     Raises
     ------
@@ -205,8 +198,6 @@ def bag_of_table(
         its position [rad, m; per s; N m, N].
     columns : mapping of str to str, optional
         `joint.field` to the column that it is taken from, whatever the names.
-    times : TableTimes, optional
-        How times are read.
 
     Raises
     ------

@@ -191,8 +191,6 @@ def renamed(names: Sequence[str], rename: Mapping[str, str]) -> dict[str, str]:
 
     Parameters
     ----------
-    names : sequence of str
-        In the bag.
     rename : mapping of str to str
         Beginnings of these names and what they are in the robot; the longest that fits counts.
     """
@@ -277,8 +275,6 @@ def joint_state_blocks(
         All are in each block, with the messages that were recorded since the block before.
     rows : int
         Messages of the first topic in a block; 0: the whole bag is one block.
-    stamp : {'header', 'log'}
-        As `read_bag`.
 
     Raises
     ------
@@ -313,8 +309,6 @@ def read_joint_states(
     ----------
     names : sequence of str, optional
         The joints and their order; default: all, in the order of first appearance.
-    stamp : {'header', 'log'}
-        As `read_bag`.
 
     Raises
     ------
@@ -376,8 +370,6 @@ def read_numbers(
     paths : mapping of str to sequence of str
         By the message types that the topic may have: where n numbers are in a message, as
         `INERTIAL_NUMBERS` has them.
-    stamp : {'header', 'log'}
-        As `read_bag`.
 
     Returns
     -------
@@ -412,8 +404,6 @@ def read_readings(
     ----------
     name, field : str
         The sensor's name, and which element or name in the message is its own.
-    wrench_field : str
-        Which component of a wrench.
 
     Raises
     ------

@@ -117,8 +117,6 @@ class McapFile:
     ----------
     path : Path
         A file that does not exist yet.
-    compression : str
-        `none`, `lz4` or `zstd`, by chunk.
     chunk_size : int
         Largest chunk [bytes] before compression; a flush ends a chunk earlier.
     """
@@ -462,10 +460,6 @@ def _chunk_index(chunk: Chunk, offset: int, length: int) -> ChunkIndex:
 
 def decompressed(data: bytes, compression: str, size: int) -> bytes:
     """Return the content of a chunk.
-
-    Parameters
-    ----------
-    compression : {'', 'lz4', 'zstd'}
 
     Raises
     ------

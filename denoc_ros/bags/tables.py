@@ -514,8 +514,6 @@ def unit_of_times(name: str, times: Array, below: str = '') -> str:
         Of the column, which may say it.
     times : (k,) array
         Its values: those of a computer's clock say it by their size.
-    below : str
-        The unit in a row below the names; '' for none.
     """
     said = _unit_of(name) or unit_of_word(below)
     if said:

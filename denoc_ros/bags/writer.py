@@ -217,11 +217,6 @@ class BagWriter:
 
         The new file lies beside the old one, or in a new folder with a name by time when the
         folder is gone. Nothing is overwritten. `losses` tells what is no longer in the bag.
-
-        Returns
-        -------
-        bool
-            Whether a new file was begun.
         """
         file = self._open_file()
         try:

@@ -33,8 +33,6 @@ def add_option(parser: Any, option: str, text: str, default: Any = None, **more:
         nothing but its help is said is a switch.
     default : Any
         A number: values are numbers of its type. A list: the option may be given several times.
-    **more
-        As of `ArgumentParser.add_argument`.
     """
     name, _, form = option.partition(' ')
     if form:
@@ -177,12 +175,8 @@ def add_pairs(
 
     Parameters
     ----------
-    option : str
-        Option with the form of its value, `--rename OLD=NEW`.
     read : callable
         Returns a value from its text, ValueError for one that is none.
-    form : str
-        The form in errors, where it is not that of `option`.
     """
     name, _, shown = option.partition(' ')
     parser.add_argument(
@@ -230,8 +224,6 @@ def overrides_of(
 
     Parameters
     ----------
-    settings : sequence of str
-        `path=value` each.
     payloads : mapping of str to sequence of float
         Mass [kg], or mass and centre [m], by link.
     """

@@ -38,8 +38,6 @@ def read_motion(
         `denoc up` that has one, or a trajectory_msgs/JointTrajectory as `ros2 topic echo` shows
         it. `joints` says whose the numbers of a configuration are, `posture` where the others
         are.
-    file : Path
-        Named in errors.
     joints : sequence of str
         The robot's joints, in their order; what the file does not name stays at 0.
     """
@@ -172,8 +170,6 @@ def write_points(
 
     Parameters
     ----------
-    head : str
-        Comment lines above it.
     times : (k,) array
         From 0 on [s].
     motion : three (k, joints) arrays

@@ -21,13 +21,7 @@ REPORTING = 5.0  # s that a report takes
 
 
 class SessionFile:
-    """`session.json` of a run's directory; each change is written at once, whole or not at all.
-
-    Parameters
-    ----------
-    values : dict
-        What is known when the session begins, ready for JSON.
-    """
+    """`session.json` of a run's directory; each change is written at once, whole or not at all."""
 
     def __init__(self, folder: Path, values: dict[str, Any]) -> None:
         self.folder = folder
@@ -87,13 +81,6 @@ def conclude(
     progress: Progress,
 ) -> dict[str, Any]:
     """Write the results of a session: summary.json and, where it recorded, the report.
-
-    Parameters
-    ----------
-    error : exception or None
-        Why the session ended before its end.
-    shares : dict of str to float
-        Share of a core that each node took.
 
     Raises
     ------

@@ -34,12 +34,6 @@ def plans_of(
     ----------
     robot : Robot
         As the file has it; the plan is made with the overrides that the nodes have.
-    trajectory : Trajectory or None
-        What is asked for.
-    joints : sequence of str
-        The trajectory's.
-    step : callable
-        Says what is done: a context per plan.
 
     Raises
     ------

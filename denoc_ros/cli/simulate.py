@@ -102,12 +102,6 @@ def prepare(
 
     Parameters
     ----------
-    robot : Path or str
-        The URDF file, or its text.
-    values : mapping
-        The scenario.
-    where : str
-        The scenario's name in errors.
     overrides : mapping, optional
         Of the model, beside and above those of the scenario.
     """
@@ -176,8 +170,6 @@ def vary(
 
     Parameters
     ----------
-    robot : str
-        URDF text.
     scenario : mapping
         As `denoc_ros.simulation.scenario.scenario_from_config` takes it.
     ranges : mapping

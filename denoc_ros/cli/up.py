@@ -141,11 +141,6 @@ def bring_up(
         The run's directory, which must not exist; default runs/<time>.
     interrupts : Interrupts, optional
         What holds signals back while the graph is entered and left.
-
-    Returns
-    -------
-    SessionRun
-        Where it is, its numbers, and why it ended early if it did.
     """
     if config.time != REAL and (bag is not None or 'plant' in config.without):
         if config.time == SIMULATED:

@@ -76,11 +76,6 @@ def add_run_options(parser: argparse.ArgumentParser) -> None:
 def open_run(args: argparse.Namespace, path: Path, rate: float) -> OpenedRun:
     """Open a run.
 
-    Parameters
-    ----------
-    rate : float
-        Moments per second, at most.
-
     Raises
     ------
     BagError, ConfigError, ModelError

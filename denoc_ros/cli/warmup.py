@@ -59,15 +59,7 @@ def all_kernels(loops: bool = True) -> list[Any]:
 
 
 def kernels(loops: bool, plans: bool) -> list[Any]:
-    """Return the kernels of a session: heavy ones at both ends.
-
-    Parameters
-    ----------
-    loops : bool
-        Whether the robot has constraints.
-    plans : bool
-        Whether a phase shapes its reference, or a node plans.
-    """
+    """Return the kernels of a session: heavy ones at both ends."""
     of_robot = CONSTRAINT_KERNELS if loops else DRIVEN_KERNELS
     found = [*KERNELS, *of_robot, inverse_derivatives.inverse_dynamics_derivatives]
     found += [kalman.take_values, message_values.take_numbers]
@@ -119,15 +111,7 @@ def counted(wanted: Sequence[Any]) -> str:
 
 
 def compile_all(wanted: Sequence[Any], watch: Callable[[], None] = lambda: None) -> None:
-    """Compile in processes beside each other; return when all is in the cache.
-
-    Parameters
-    ----------
-    wanted : sequence of dispatchers
-        Each declared in denoc_ros.kernels.
-    watch : callable
-        Called while they work; may raise.
-    """
+    """Compile in processes beside each other; return when all is in the cache."""
     names = [_name(each) for each in wanted]
     processes = [
         subprocess.Popen(
@@ -203,13 +187,7 @@ def has_constraints(tree: Tree) -> bool:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Compile and print the time it took.
-
-    Returns
-    -------
-    int
-        0; a bad robot is raised.
-    """
+    """Compile and print the time it took."""
     LOG.info('loading the compiler')
     loops = args.robot is None or has_constraints(load_tree(args.robot))
     wanted = all_kernels(loops)

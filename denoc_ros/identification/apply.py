@@ -44,8 +44,6 @@ def modal_overrides(
         Positions of joints [rad, m]; those not named are at 0.
     held : bool
         Whether the joints were locked (or held by their controllers), or free.
-    doubtful : bool
-        Whether doubtful modes count too.
 
     Raises
     ------
@@ -73,11 +71,6 @@ def modal_overrides(
 
 def joint_overrides(result: Mapping[str, Any], joint: str) -> dict[str, float]:
     """Return viscous damping and Coulomb friction of a joint by dotted path.
-
-    Parameters
-    ----------
-    result : mapping
-        Result of `denoc identify joint`.
 
     Raises
     ------
@@ -215,8 +208,6 @@ def overrides_of_results(
     ----------
     at : mapping
         Positions of joints [rad, m]; the others' are those of the first result of modes, else 0.
-    held, doubtful : bool
-        As `modal_overrides` takes them.
 
     Raises
     ------
@@ -251,8 +242,6 @@ def posture_table(
     ----------
     results : sequence of (Path, mapping)
         With their files, which errors name.
-    doubtful : bool
-        Whether doubtful modes count too.
 
     Raises
     ------

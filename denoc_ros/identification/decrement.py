@@ -61,7 +61,6 @@ def log_decrement(
 
     Parameters
     ----------
-    convention : {'exact', 'book'}
     frequency : float, optional
         Of the mode, damped [Hz], where it is known: what else swings then makes no crests of its
         own.

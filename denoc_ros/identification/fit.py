@@ -45,8 +45,6 @@ def judge(
 
     Parameters
     ----------
-    coloured : bool
-        Whether the residual of the fit is.
     left_out : float
         Share of the samples that the fit did not use.
     """

@@ -20,10 +20,6 @@ def find_peaks(
 
     Parameters
     ----------
-    y : ndarray, shape (k,)
-        Finite values.
-    height : float
-        That a peak must have.
     distance : int
         Samples that peaks are apart; of closer ones the higher is kept.
     prominence : float

@@ -214,11 +214,6 @@ def _modal_result(
 def describe(path: Path, channel: Channel) -> list[Document]:
     """Return one row of quality per signal that the channel leaves open.
 
-    Parameters
-    ----------
-    channel : Channel
-        What it names is all that is described.
-
     Raises
     ------
     BagError

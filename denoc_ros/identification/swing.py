@@ -205,8 +205,6 @@ def scout_friction(t: Array, y: Array, guess: JointSwing, large: bool) -> dict[T
         Times from the start of the swing [s], measured angles [rad].
     guess : JointSwing
         First guess of the motion; its friction is not used.
-    large : bool
-        Gravity's sine; False: a linear spring.
     """
     found: dict[Terms, tuple[float, JointSwing]] = {}
     for terms in MODELS:
@@ -248,10 +246,6 @@ def fit_swing(
         Times from the start of the swing [s], measured angles [rad].
     terms : tuple of str
         Of viscous, coulomb and quadratic.
-    large : bool
-        Gravity's sine; False: a linear spring.
-    steps : int
-        Of the integration, per cycle.
     """
     free = (*MOTION, *terms)
     scale = _scale(y, start)

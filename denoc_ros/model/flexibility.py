@@ -382,13 +382,7 @@ class LoopElement:
 def read_loop(
     element: Element, links: Collection[str], names: set[str], findings: Findings
 ) -> LoopElement | None:
-    """Return a loop, None if it has findings.
-
-    Parameters
-    ----------
-    links : collection of str
-        The robot's links.
-    """
+    """Return a loop, None if it has findings."""
     before, name = len(findings.items), element.get('name', '')
     reader = Reader(element, f'loop {name!r}', findings)
     reader.only(('name', 'type'), ('parent', 'child', 'axis', 'axis2', 'dynamics'))

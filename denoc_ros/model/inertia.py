@@ -187,8 +187,6 @@ def largest_mass_per_length(
         Of the beam [m].
     polar_inertia : float
         About the beam axis, per length [kg m^2/m].
-    along : Along, optional
-        Shares of the mass per length, which is a mean then.
 
     Returns
     -------
@@ -209,8 +207,6 @@ def largest_polar_inertia(link: RigidInertia, length: float) -> float:
 
     Parameters
     ----------
-    link : RigidInertia
-        The whole link, in the beam frame; its mass is > 0.
     length : float
         Of the beam [m].
 

@@ -42,15 +42,8 @@ def add_visuals(
 
     Parameters
     ----------
-    source : str
-        The description.
     places : mapping of str to (element, (4, 4))
         Of each link the body that carries it, and its frame there.
-
-    Returns
-    -------
-    list of str
-        What is left out.
     """
     notes: list[str] = []
     meshes: dict[Path, dict[str, str]] = {}

@@ -395,13 +395,6 @@ def plain_paths(known: Collection[str], overrides: Mapping[str, Given]) -> dict[
 
     Of a beam's damping and damping_ratio the one given later holds.
 
-    Parameters
-    ----------
-    known : collection of str
-        The paths of a robot's numbers.
-    overrides : mapping
-        By either name.
-
     Raises
     ------
     ConfigError

@@ -86,8 +86,6 @@ def edited_description(source: str | os.PathLike[str], overrides: Mapping[str, A
 
     Parameters
     ----------
-    source : str or path
-        A file's path or XML text.
     overrides : mapping
         As `with_overrides`, without payloads: a description has no place for them.
     """
@@ -239,8 +237,6 @@ def remounted_description(source: str | os.PathLike[str], sensor: str, rotation:
 
     Parameters
     ----------
-    source : str or path
-        A file's path or XML text.
     sensor : str
         Name of an IMU or accelerometer.
     rotation : (3, 3) array

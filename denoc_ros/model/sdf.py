@@ -44,8 +44,6 @@ def sdf(tree: Tree, gravity: Array, segments: int = SEGMENTS, folder: Path | Non
     ----------
     gravity : ndarray (3,)
         Of the MJCF model that it is made from; in SDF the world has it.
-    segments : int
-        Number of hinges of each flexible link, 1 to 200.
 
     Raises
     ------

@@ -156,8 +156,6 @@ def critical_damping(part: Deformation, inertia: float, along: Along, segments: 
 
     Parameters
     ----------
-    part : Deformation
-        Of the beam, or of a segment of it.
     inertia : float
         Mass [kg/m] or polar inertia [kg m^2/m] per length, the mean.
     along : Along

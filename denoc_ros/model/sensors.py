@@ -236,8 +236,6 @@ def read_inertial_sensor(
 
     Parameters
     ----------
-    names : set of str
-        Names of the sensors before it; its own is added.
     first : int
         Place of its first value among those of all sensors.
     """

@@ -93,13 +93,7 @@ def parse_xml(where: str, text: str, whole: bool = False, root: str = 'robot') -
 
 
 def written(root: Element, text: str) -> str:
-    """Return a changed description as text, with the declaration that it had.
-
-    Parameters
-    ----------
-    root : lxml element
-        `<robot>`, parsed `whole`.
-    """
+    """Return a changed description as text, with the declaration that it had."""
     declaration = re.match(r'<\?xml.*?\?>\s*', text, re.DOTALL)
     edited = etree.tostring(root.getroottree(), encoding='unicode')
     return f'{declaration[0] if declaration else ""}{edited}\n'

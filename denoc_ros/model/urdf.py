@@ -66,8 +66,6 @@ def tree_of(root: Element, where: str, text: str, folder: str | None = None) -> 
 
     Parameters
     ----------
-    text : str
-        The description, kept in the tree as its source.
     folder : str, optional
         Of its file, which files that it names are relative to; None: that of `where`, if `where`
         is a file, else it is a text.
@@ -345,11 +343,6 @@ def assemble(
     springs: Mapping[str, Spring],
 ) -> Assembly:
     """Return the bodies of a robot without findings.
-
-    Parameters
-    ----------
-    robot : RigidUrdf
-        Links and joints, a tree.
 
     Returns
     -------

@@ -35,8 +35,6 @@ def page(
     ----------
     ways : mapping
         Input and output -> name of a posture -> what was found there.
-    free : bool
-        Whether the other joints are free.
     """
     count = len(next(iter(ways.values())))
     postures = 'one posture' if count == 1 else f'{count} postures'

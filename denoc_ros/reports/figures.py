@@ -148,8 +148,6 @@ def thin(t: Array, y: Array, columns: int = PIXELS) -> tuple[Array, Array]:
 
     Parameters
     ----------
-    t, y : (k,) array
-        The curve.
     columns : int
         How many equal stretches of it keep their smallest and largest value.
     """

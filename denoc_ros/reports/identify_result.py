@@ -91,13 +91,7 @@ def result_text(
     notes: Iterable[str] = (),
     tail: Iterable[str] = (),
 ) -> str:
-    """Return a result's lines for a terminal.
-
-    Parameters
-    ----------
-    notes, tail : iterable of str
-        Lines below it, indented and not.
-    """
+    """Return a result's lines for a terminal."""
     modes = document.get('modes', ())
     asked = [f'{mode["frequency_hz"]:.4g}' for mode in modes if mode['asked']]
     of = f' (of {", ".join(asked)} Hz)' if len(modes) > len(asked) > 0 else ''

@@ -65,8 +65,6 @@ def warnings(
 
     Parameters
     ----------
-    statuses : sequence of Diagnostic
-        In order of time.
     intervals : sequence of (int, int)
         Begin and end [ns] of what counts: between them nodes may be restarted. A status speaks of
         the second before its stamp, which must be in an interval whole.

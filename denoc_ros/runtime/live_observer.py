@@ -33,8 +33,6 @@ def build_observer(
     ----------
     period : float
         Of the loop [s].
-    posture : (n,) array
-        Near which loops are closed.
     """
     fuse = settings.text('strain') == 'fuse'
     observer = Observer(

@@ -44,8 +44,6 @@ class LiveStateFeedback:
 
     Attributes
     ----------
-    active : bool
-        Whether a torque of the feedback leaves.
     cause : str
         Why none does, '' if one does or soon will.
     """

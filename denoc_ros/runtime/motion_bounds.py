@@ -28,10 +28,6 @@ class MotionBounds:
 
     Parameters
     ----------
-    joints : sequence of str
-        In the order of all arrays here.
-    limits : sequence of Limits
-        Of these joints.
     margin : float
         How far beyond a position limit a joint may be [rad or m].
     farthest : float

@@ -33,11 +33,6 @@ LIMITS = ('velocity', 'acceleration', 'jerk', 'effort', 'effort_rate')
 class MotionPlanning:
     """Keeps a motion until the planner has it, and the planner alive.
 
-    Parameters
-    ----------
-    log : callable
-        Takes what is to be logged.
-
     Attributes
     ----------
     load_error : str

@@ -88,13 +88,6 @@ class SettingsParameters(Generic[T]):
         Name of the parameter by field, in the table's order.
     bounds : mapping of str to pair of float
         Lowest and highest value by field, where a running node may have less than the class.
-    prefix : str
-        Before each text.
-
-    Attributes
-    ----------
-    names : dict of str to str
-        As given.
     """
 
     def __init__(
@@ -209,8 +202,6 @@ def shared_names(arguments: Sequence[str], node: str) -> set[str]:
     ----------
     arguments : sequence of str
         A command line, with its `--ros-args`.
-    node : str
-        Fully qualified name of the node.
 
     Returns
     -------

@@ -56,8 +56,6 @@ def clock_status(clock: SimulatedClock, silence: float, publishers: int) -> Stat
     ----------
     silence : float
         s of wall time since the last message, or since the node waits for one.
-    publishers : int
-        How many publish /clock.
     """
     status = Status('clock', message='simulated time')
     status.values = {

@@ -32,11 +32,6 @@ class StrainFeedback:
     ) -> None:
         """Take a robot over; with gains, show that they dissipate.
 
-        Parameters
-        ----------
-        limits : (n,) array
-            Effort limits.
-
         Raises
         ------
         ConfigError

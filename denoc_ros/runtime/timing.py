@@ -69,8 +69,6 @@ class LoopLoad:
         Time from a deadline to the end of its tick, the median of the last window [s].
     cause : str
         Why the machine does not carry the loop; '' if it does.
-    has_yielded : bool
-        Whether the loop runs without its priority.
     """
 
     def __init__(
@@ -272,12 +270,8 @@ class RealtimeLoop:
 
     Parameters
     ----------
-    rate : float
-        Hz.
     priority, core : int
         SCHED_FIFO priority (0: none) and core (-1: any) of the thread.
-    clock : Clock, optional
-        The clock of the deadlines; default the steady clock.
     tell : callable, optional
         Takes a sentence when the machine does not carry the loop, and when it does again.
 

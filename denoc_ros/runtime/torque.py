@@ -241,8 +241,6 @@ class FollowingConditions:
             Age of the last good joint state [s]; infinite if there is none.
         has_posture : bool
             Whether it is one that the model can have.
-        given : bool
-            Whether there is any reference.
         reference_age : float
             Of the last streamed point [s]; 0 for a trajectory.
         """
@@ -410,8 +408,6 @@ class TorqueStatus:
         ----------
         cause : str
             What the torque follows, or why it does not.
-        model_failures : int
-            How often the model gave no torque.
         """
         status = Status('torque', message=cause)
         status.values = {

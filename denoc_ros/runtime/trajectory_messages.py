@@ -74,8 +74,6 @@ def read_trajectory(
     ----------
     joints : sequence of str
         The node's n joints.
-    bounds : MotionBounds, optional
-        What they can have; default everything finite.
     partial : bool
         Whether it may name some of them only, or have no points.
 

@@ -102,8 +102,6 @@ def measured_lines(groups: Collection[str], quick: bool) -> Iterator[BenchLine]:
 
     Parameters
     ----------
-    groups : collection of str
-        Of `GROUPS`.
     quick : bool
         Check on less, and call only a few times: no line has a reach then.
     """

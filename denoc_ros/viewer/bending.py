@@ -61,7 +61,6 @@ class BentLink:
 
     Attributes
     ----------
-    faces : (f, 3) int array
     stations : (s,) array
         Of the cross-sections that vertices hang on [m].
 
@@ -178,13 +177,6 @@ class Bending:
     ----------
     robot : Robot
         Not shared with another thread.
-    folder : path, optional
-        Where relative names of mesh files start.
-
-    Attributes
-    ----------
-    links : tuple of str
-        All that are drawn.
     """
 
     def __init__(self, robot: Robot, folder: Path | None = None) -> None:

@@ -122,19 +122,12 @@ def write_film(
     ----------
     robot : Robot
         Its workspace is used.
-    path : Path
-        A new file or one to replace, `.mp4` or `.gif`.
     fps : float, optional
         Frames per second; default 30, of a GIF 20.
     speed : float
         Seconds of the run per second of the film: below 1 is slow motion.
     progress : callable, optional
         Called with the seconds of the run that were drawn.
-
-    Returns
-    -------
-    int
-        The number of frames.
 
     Raises
     ------
@@ -202,11 +195,6 @@ def write_strip(
     run: RecordedRun, robot: Robot, path: Path, look: Look | None = None, count: int = 6
 ) -> None:
     """Write some instants of a run as one PNG.
-
-    Parameters
-    ----------
-    path : Path
-        A new file or one to replace, `.png`.
 
     Raises
     ------

@@ -230,15 +230,7 @@ def start_configuration(robot: Robot, joints: Mapping[str, float] | None = None)
 
 
 class JointSliders:
-    """The folder of a page that moves joints; joints bound by loops follow.
-
-    Parameters
-    ----------
-    start : (n,) array
-        Where it begins.
-    draw : callable
-        Draws a moment.
-    """
+    """The folder of a page that moves joints; joints bound by loops follow."""
 
     def __init__(
         self, gui: Any, robot: Robot, start: Array, draw: Callable[[Snapshot], None]
@@ -313,8 +305,6 @@ class Playback:
 
     Parameters
     ----------
-    run : sequence of Snapshot
-        At least one, in order of time.
     watched : callable
         Says whether anybody looks: the run waits else.
     """

@@ -32,11 +32,6 @@ class Arrows:
     reach : float [m]
         Of the robot.
     colour : red, green, blue of 0 .. 255
-
-    Attributes
-    ----------
-    largest : float
-        In the arrows' unit; 0 until there is one.
     """
 
     def __init__(self, scene: Any, name: str, reach: float, colour: Colour) -> None:
@@ -70,13 +65,7 @@ class Arrows:
 
 
 class Overlays:
-    """Arrows of a moment's torques, forces and reactions.
-
-    Parameters
-    ----------
-    robot : Robot
-        Not shared with another thread.
-    """
+    """Arrows of a moment's torques, forces and reactions."""
 
     def __init__(self, scene: Any, robot: Robot) -> None:
         self._robot = robot

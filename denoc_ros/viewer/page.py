@@ -288,8 +288,6 @@ def recorded_page(
         What deflections are drawn larger by.
     fps : float
         Frames per second [Hz].
-    folder : path, optional
-        Where relative names of mesh files start.
 
     Returns
     -------
@@ -432,15 +430,7 @@ def check_values(server: viser.ViserServer) -> None:
 
 
 def is_possible(control: Any, updates: Any) -> bool:
-    """Say whether a control can take the values of a browser's message.
-
-    Parameters
-    ----------
-    control : viser handle
-        A slider, checkbox, list of choices or button.
-    updates : mapping
-        By the name of what is changed.
-    """
+    """Say whether a control can take the values of a browser's message."""
     if not isinstance(updates, dict) or set(updates) != {'value'}:
         return False
     value, now = updates['value'], control.value

@@ -41,8 +41,6 @@ class Scene:
 
     Parameters
     ----------
-    numbered : bool
-        Whether coordinates stand beside a flat view.
     noted : bool
         Whether the size of the floor's squares stands below other views.
     """
@@ -100,8 +98,6 @@ class ComparisonPicture:
 
     Parameters
     ----------
-    stated : str
-        About the deflection that is drawn.
     size : (int, int)
         Width and height [pixels].
     """

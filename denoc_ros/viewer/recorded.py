@@ -71,8 +71,6 @@ class RecordedRun(Sequence[Snapshot]):
         Where the amplitudes came from.
     t : (k,) array
         Times since the first joint state of the bag [s].
-    q : (k, n) array
-        Coordinates.
     names : tuple of str
         Of the channels; they are NaN where their topic was not recorded.
     phases : tuple of (float, str)

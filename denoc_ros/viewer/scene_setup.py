@@ -58,15 +58,9 @@ class SceneSetup:
         All that is to be shown; some of it decides what is left open.
     scale : float
         What deflections are drawn larger by; 0: chosen so that they are seen.
-    view : str
-        As of `camera`.
-    folder : Path, optional
-        Where relative names of mesh files start.
 
     Attributes
     ----------
-    scale : float
-    camera : Camera
     low, high : (3,) arrays
         The box around all that is shown: right, up, towards the eye [m].
     box : pair of (3,) arrays

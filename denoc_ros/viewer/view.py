@@ -37,15 +37,7 @@ GHOST_SIZE = 0.985  # of the link: out of sight where it does not bend
 
 
 class Surfaces:
-    """The robot and its undeflected ghost.
-
-    Parameters
-    ----------
-    robot : Robot
-        Not shared with another thread.
-    folder : path, optional
-        Where relative names of mesh files start.
-    """
+    """The robot and its undeflected ghost."""
 
     def __init__(self, scene: Any, robot: Robot, folder: Path | None = None) -> None:
         self.bending = Bending(robot, folder)
@@ -247,8 +239,6 @@ class View:
     ----------
     robot : Robot
         Not shared with another thread.
-    folder : path, optional
-        Where relative names of mesh files start.
     """
 
     def __init__(self, server: Any, robot: Robot, folder: Path | None = None) -> None:

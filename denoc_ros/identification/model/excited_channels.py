@@ -44,8 +44,6 @@ class RestSeries:
 
     Parameters
     ----------
-    duration : float
-        s.
     harmonics : int
         At least 3.
 
@@ -258,8 +256,6 @@ class ExcitedChannels:
 
         Parameters
         ----------
-        rows : MotionRows
-            Evenly spaced.
         both : bool
             Differences to both sides: twice the work, squares of the error.
         """
@@ -323,8 +319,6 @@ def channel_noise(
 
     Parameters
     ----------
-    robot : Robot
-        Its sensors have a noise.
     given : dict of str to float
         `effort` of all joints, `effort.<joint>`, `<sensor>`, `<imu>.gyro`, `<imu>.accel`;
         infinite: not recorded, as IMUs are whose description has no noise.

@@ -73,8 +73,6 @@ def free_numbers(
 
     Parameters
     ----------
-    efforts : dict of str to float
-        The largest measured torque of each joint.
     spreads : dict of str to float
         By how much the value of each sensor was measured to vary, by its name.
     """
@@ -393,11 +391,6 @@ class FreeParameters:
 
         There are none where loops or mimic joints make joints follow others, unless none of
         those is recorded: fingers that stand still are a body like any other.
-
-        Parameters
-        ----------
-        joints : set of str
-            Those that recordings have.
         """
         tree = self.robot.tree
         is_tied = bool(tree.loops) or any(

@@ -129,13 +129,7 @@ def information(
 
 
 def left_beside_noise(offsets: Mask) -> Array:
-    """Error that no number of samples reduces (p,), in sizes.
-
-    Parameters
-    ----------
-    offsets : (p,) bool array
-        Which parameters are offsets of sensors.
-    """
+    """Error that no number of samples reduces (p,), in sizes."""
     return np.asarray(np.where(offsets, EXACT_OFFSET, EXACT))
 
 

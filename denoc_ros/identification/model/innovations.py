@@ -35,8 +35,6 @@ class NearbyMotion:
     ----------
     robot : Robot
         Without loops, mimic joints or a floating base.
-    joints : sequence of str
-        Order of the torques.
     t : (k,) array
         [s]
     starts : (k,) bool array

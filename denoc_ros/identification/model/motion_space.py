@@ -52,7 +52,6 @@ class MotionSpace:
     ----------
     start : (driven,) array
         Where the motion begins and ends [rad, m].
-    limits : MotionLimits
 
     Raises
     ------

@@ -108,8 +108,6 @@ class SensedChannels:
         ----------
         states : (3, j, n) array
             Coordinates, rates and accelerations at the joints' first j stamps.
-        settings : SearchPoint
-            Delays, gains and offsets.
         """
         found: list[Array] = []
         if self._beams:

@@ -26,8 +26,6 @@ class SimulatedRuns:
     ----------
     until : float
         Part of the runs that matters: what is behind it is not worked out.
-    evaluations : int
-        How many times the model went along all runs.
     """
 
     def __init__(self, runs: Sequence[PreparedRun], parameters: FreeParameters) -> None:

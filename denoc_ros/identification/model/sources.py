@@ -145,15 +145,6 @@ def read_source(
 ) -> Recording:
     """Read a robot's joints and sensors from a bag or a table.
 
-    Parameters
-    ----------
-    path : str or Path
-        What `read_bag` or `read_table` reads.
-    robot : Robot
-        Its joints, and the topics of its sensors.
-    settings : RecordingSettings, optional
-        How.
-
     Raises
     ------
     BagError, IdentificationError

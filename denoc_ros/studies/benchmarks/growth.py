@@ -222,12 +222,8 @@ def dynamics_lines(
 
     Parameters
     ----------
-    names : (str, str)
-        Of the two, as the line says them.
     robots : two of (Robot, sequence of state)
         The verbs are called at the states in turn.
-    reach : float
-        Largest ratio.
     """
     subjects = []
     for robot, states in robots:

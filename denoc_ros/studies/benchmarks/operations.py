@@ -159,10 +159,6 @@ class Counted:
 class CountingKernels:
     """The kernels' source as plain Python functions over one robot's arrays.
 
-    Parameters
-    ----------
-    robot : Robot
-
     Attributes
     ----------
     shares : dict of str to int
