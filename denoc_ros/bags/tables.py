@@ -208,7 +208,6 @@ def _usual_width(rows: Sequence[Sequence[str]]) -> int:
 
 
 def _trimmed(row: list[str]) -> list[str]:
-    """Leave out the empty cell behind a delimiter at the end of a line."""
     return row[:-1] if len(row) > 1 and not row[-1].strip() else row
 
 

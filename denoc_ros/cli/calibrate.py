@@ -199,7 +199,6 @@ def read_table(path: Path) -> tuple[list[float], list[float]]:
 
 
 def _write(args: argparse.Namespace, file: Path, found: Calibration) -> str:
-    """Write the calibrated description to the chosen file; return its path, '' without one."""
     paths = calibration_paths(args.sensor, found)
     return write_description(args, file, lambda: edited_description(file, paths))
 

@@ -98,7 +98,6 @@ def _pairs(given: list[str]) -> list[tuple[str, str]]:
 
 
 def _summary(name: str, way: LoopResponse) -> dict[str, Any]:
-    """Summary of one response at one posture, ready for JSON."""
     return {
         'input': way.input,
         'output': way.output,

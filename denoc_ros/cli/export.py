@@ -92,7 +92,6 @@ def _verify(robot: Robot, text: str, at: Any) -> list[dict[str, Any]]:
 
 
 def _finer(robot: Robot) -> dict[str, Any]:
-    """Return overrides that divide every undivided beam."""
     divided: dict[str, Any] = {}
     for whole in whole_beams(robot.tree):
         if whole.segments == 1:

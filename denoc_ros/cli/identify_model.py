@@ -105,7 +105,6 @@ def _add_model(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_outputs(parser: argparse.ArgumentParser) -> None:
-    """Declare the options of outputs and recordings."""
     add_option(
         parser, '--apply URDF', 'write the robot with what was found: a new file', type=Path
     )
@@ -124,7 +123,6 @@ def _add_outputs(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_recording(parser: argparse.ArgumentParser) -> None:
-    """Declare the options."""
     group = parser.add_argument_group('the recordings')
     add_option(group, '--topic', 'joint states of a bag; default: /joint_states', '/joint_states')
     for option, dest, read, text in (
@@ -175,7 +173,6 @@ def recording_settings(args: argparse.Namespace) -> RecordingSettings:
 
 
 def _two_numbers(text: str) -> tuple[float, float]:
-    """Return the two numbers of a text, ValueError for any other."""
     first, second = text.split(',')
     return float(first), float(second)
 
@@ -198,7 +195,6 @@ def model_options(args: argparse.Namespace) -> ModelOptions:
 
 
 def _model(args: argparse.Namespace) -> VerbResult:
-    """Identify; exit status 0 good, 2 doubtful, 3 not identifiable."""
     if args.apply is not None and args.apply.exists():
         raise BagError(f'{args.apply}: --apply must be a new file, got an existing one')
     paths, workers = recordings(args.bags), worker_config(args)
@@ -343,7 +339,6 @@ def _add_limits(parser: argparse.ArgumentParser) -> None:
 
 
 def _excite(args: argparse.Namespace) -> VerbResult:
-    """Plan the motion; exit status 0 good, 2 doubtful, 3 not identifiable."""
     options = _excite_options(args)
     file = given_file(args.robot, 'robot')
     robot = overridden(load_robot(file, gravity=tuple(args.gravity)), args)
@@ -366,7 +361,6 @@ def _excite(args: argparse.Namespace) -> VerbResult:
 
 
 def _excite_options(args: argparse.Namespace) -> dict[str, Any]:
-    """Arguments of design_excitation beside robot and numbers."""
     findings: list[str] = []
     if args.output.suffix not in ('.yaml', '.yml'):
         findings.append(f'--output must end in .yaml, got {args.output.name!r}')

@@ -191,7 +191,6 @@ def _add_joint(parser: argparse.ArgumentParser) -> None:
 
 
 def _joint(args: argparse.Namespace) -> VerbResult:
-    """Identify; exit status 0 good, 2 doubtful, 3 not identifiable."""
     inertia, torque = args.inertia, args.gravity_torque
     rod = (args.mass_per_length, args.length)
     names = ('--inertia', '--gravity-torque', '--mass-per-length', '--length')
@@ -237,7 +236,6 @@ def _add_forced(parser: argparse.ArgumentParser) -> None:
 
 
 def _forced(args: argparse.Namespace) -> VerbResult:
-    """Identify; exit status 0 good, 2 doubtful, 3 not identifiable."""
     channel, (band, count) = channel_of(args), asked_of(args)
     force = replace(
         channel,

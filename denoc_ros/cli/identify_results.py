@@ -42,7 +42,6 @@ def _add_apply(parser: argparse.ArgumentParser) -> None:
 
 
 def _apply(args: argparse.Namespace) -> VerbResult:
-    """Write the changed description; errors are raised."""
     require_new(args.output)
     results = [read_result(path) for path in args.results]
     robot = load_robot(given_file(args.robot, 'robot'), gravity=tuple(args.gravity))

@@ -52,7 +52,6 @@ def _add_servo(parser: argparse.ArgumentParser) -> None:
 
 
 def _servo(args: argparse.Namespace) -> VerbResult:
-    """Identify; exit status 0 good, 2 doubtful, 3 not identifiable."""
     require(window_findings(args))
     channel = settings_of(Channel, args)
     options = ServoOptions(channel, args.commanded, args.column, args.joint or ())

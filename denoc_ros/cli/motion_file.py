@@ -62,7 +62,6 @@ def read_motion(
 
 
 def _reference(values: Mapping[str, Any], file: Path) -> dict[str, Any]:
-    """Return the mapping of a reference that a file is, has, or names."""
     reference: Any = values if 'kind' in values else values.get('reference')
     if reference is None and isinstance(values.get('torque'), dict):
         reference = values['torque'].get('reference')
@@ -93,7 +92,6 @@ def _table(trajectory: Trajectory, reference: Mapping[str, Any]) -> tuple[Array,
 def _joint_trajectory(
     values: Mapping[str, Any], joints: Sequence[str], where: str
 ) -> tuple[Array, Array]:
-    """Return times and positions of a trajectory_msgs/JointTrajectory."""
     names, given = values['joint_names'], values.get('points')
     points = given if isinstance(given, list) else []
     findings = []
@@ -121,7 +119,6 @@ def _joint_trajectory(
 
 
 def _require_rest(velocities: Sequence[Sequence[float]] | None, where: str) -> None:
-    """Raise ConfigError where the first or last point of a motion moves."""
     if velocities is None:
         return
     largest = float(np.abs(np.concatenate((velocities[0], velocities[-1]))).max(initial=0.0))

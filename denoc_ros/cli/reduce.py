@@ -141,7 +141,6 @@ def run(args: argparse.Namespace) -> VerbResult:
 
 
 def _check_extra() -> None:
-    """Raise ConfigError where the packages of the extra `reduce` are not installed."""
     for name in EXTRA:
         if importlib.util.find_spec(name) is None:
             rule = "must be installed: pip install 'denoc_ros[reduce]'"
@@ -149,7 +148,6 @@ def _check_extra() -> None:
 
 
 def _described(args: argparse.Namespace, source: Path) -> LinkDescription | None:
-    """Return the link of the URDF that the arguments name, None without one."""
     from denoc_ros.reduction.description import describe_link
 
     if source.suffix == '.urdf':
@@ -165,8 +163,6 @@ def _described(args: argparse.Namespace, source: Path) -> LinkDescription | None
 
 
 def _numbers(count: int) -> Any:
-    """Return a reader of a number of finite numbers from a text."""
-
     def read(text: str) -> Array:
         values = np.array([float(part) for part in text.split(',')])
         if len(values) != count or not np.isfinite(values).all():
@@ -392,7 +388,6 @@ def _finish(
 
 
 def _lines(row: dict[str, Any]) -> Iterator[str]:
-    """Yield the numbers of a link for a terminal."""
     said = f'{row["mass_kg"]:.4g} kg'
     if row['urdf_mass_kg'] is not None:
         said += f' (URDF: {row["urdf_mass_kg"]:.4g} kg)'

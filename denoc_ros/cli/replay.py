@@ -197,7 +197,6 @@ def _adapt_settings(args: argparse.Namespace) -> AdaptSettings:
 
 
 def _robot(args: argparse.Namespace, bag: Path, session: dict[str, Any]) -> Robot:
-    """Load the named robot, or the recorded one, with the wanted changes."""
     source = robot_source(bag, args.robot)
     robot = load_robot(source, gravity=args.gravity or session.get('gravity', EARTH))
     return overridden(robot, args)

@@ -207,7 +207,6 @@ def _findings(args: argparse.Namespace) -> list[str]:
 
 
 def _options(args: argparse.Namespace, values: Mapping[str, Any]) -> dict[str, Any]:
-    """Arguments of shape_motion beside motion, method and tip."""
     options: dict[str, Any] = {}
     if args.joint_limits:
         options.update(read_joint_limits(given_file(args.joint_limits, 'joint limits')))
@@ -251,7 +250,6 @@ def read_joint_limits(file: Path) -> dict[str, dict[str, float]]:
 
 
 def _robot(args: argparse.Namespace, values: Mapping[str, Any]) -> Robot:
-    """Return the robot with gravity and model of the command line, else of the motion's file."""
     file = given_file(args.robot, 'robot')
     robot = load_robot(file, gravity=args.gravity or values.get('gravity', EARTH))
     model = values.get('model')
@@ -326,7 +324,6 @@ def _page(
 
 
 def _lines(summary: Mapping[str, Any]) -> Iterator[str]:
-    """Yield the numbers of a plan for a terminal."""
     yield (
         f'{summary["output"]}: {summary["rows"]} rows from {summary["begins_s"]:.4g} to '
         f'{summary["ends_s"]:.4g} s, method {summary["method"]}'

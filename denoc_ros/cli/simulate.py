@@ -321,7 +321,6 @@ def session_of(
 
 
 def _lines(summary: Mapping[str, Any]) -> Iterator[str]:
-    """Yield the numbers of a run for a terminal."""
     show: Callable[[float], str] = '{:.4g}'.format
     yield (
         f'{summary["output"]}: {show(summary["duration_s"])} s, {summary["samples"]} samples, '

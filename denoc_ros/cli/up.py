@@ -257,7 +257,6 @@ def _task(config: SessionConfig, robot: Robot, bag: Path | None) -> Task:
 def _shaped(
     config: SessionConfig, robot: Robot, task: Task, progress: Progress
 ) -> tuple[SessionConfig, Task]:
-    """Return session and task with the plans of the phases that shape their reference."""
     plans = plans_of(config, robot, task.trajectory, task.joints, progress.step)
     phases = tuple(
         started_on_the_plan(phase, plans[phase.name], task.joints)
@@ -305,7 +304,6 @@ def new_folder(output: Path | None) -> Path:
 
 
 def _viewed(config: SessionConfig) -> SessionConfig:
-    """Return the session with the viewer, on a free port unless it says which."""
     viewer = {'port': 0, **config.nodes.get('viewer', {})}
     return dataclasses.replace(
         config, nodes={**config.nodes, 'viewer': viewer}, without=config.without - {'viewer'}

@@ -115,7 +115,6 @@ def robot_source(bag: Path, given: str | None) -> str | Path:
 
 
 def _session_robot(session: dict[str, object]) -> Path | None:
-    """Return the file that the run's robot came from, for the meshes beside it."""
     file = Path(str(session.get('robot', '')))
     return file if file.is_file() else None
 
@@ -184,7 +183,6 @@ def _film(args: argparse.Namespace, opened: OpenedRun, look: Look) -> None:
 
 
 def _size(text: str) -> tuple[int, int]:
-    """Return width and height of WxH."""
     if not text:
         return 1280, 720
     width, _, height = text.lower().partition('x')
@@ -342,7 +340,6 @@ def _open_browser(address: str) -> None:
 
 
 def _ending() -> threading.Event:
-    """Make an event that SIGINT and SIGTERM set."""
     ending = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: ending.set())

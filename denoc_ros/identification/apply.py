@@ -170,7 +170,6 @@ def compare_results(results: Sequence[Mapping[str, Any]]) -> list[ComparedMode]:
 def _is_same(
     group: Sequence[tuple[int, Mapping[str, Any]]], run: int, mode: Mapping[str, Any]
 ) -> bool:
-    """Say whether a mode belongs to a group, which has each run once."""
     step = np.log(mode['frequency_hz'] / group[-1][1]['frequency_hz'])
     return bool(step < SAME_MODE and run not in {other for other, _ in group})
 

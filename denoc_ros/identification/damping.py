@@ -176,7 +176,6 @@ def _amplitudes(robot: Robot) -> list[_Amplitude]:
 
 
 def _sum_of(index: NDArray[np.int64], weights: Array, squares: Array) -> Array:
-    """Return the weighted sum (modes,) of squares (n, modes) over some coordinates."""
     return np.asarray(weights @ squares[index])
 
 

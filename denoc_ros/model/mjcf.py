@@ -596,7 +596,6 @@ def _range(limits: Limits) -> dict[str, str]:
 
 
 def _pose(pose: Array) -> dict[str, str]:
-    """Return a pose (4, 4) as attributes."""
     x, y, z, w = Rotation.from_matrix(pose[:3, :3]).as_quat()
     turned = {} if np.array_equal(pose[:3, :3], np.eye(3)) else {'quat': _text(w, x, y, z)}
     return {'pos': _text(*pose[:3, 3]), **turned}

@@ -168,7 +168,6 @@ def _retimed(plan: Plan, motion: tuple[Array, Array]) -> tuple[Array, Array]:
 
 
 def _lowest(robot: Robot, q: Array) -> float:
-    """Return the lowest natural frequency with the joints held [Hz], 0 where there is none."""
     if not len(robot.flexible_indices):
         return 0.0
     found = robot.natural_frequencies(q)

@@ -489,7 +489,6 @@ def _require_motion(what: str, values: Array) -> None:
 
 
 def _rotation(quaternion: Array) -> Array:
-    """Return the rotation (3, 3) of a quaternion (x, y, z, w)."""
     length = float(np.linalg.norm(quaternion))
     if not abs(length - 1.0) <= UNIT:
         raise InputError('no_rotation', f'orientation must have unit length, got {length:.6g}')

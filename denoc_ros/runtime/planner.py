@@ -232,7 +232,6 @@ class Planner:
                 return
 
     def _kill(self) -> ChildProcess | None:
-        """Kill the process, if there is one; return it."""
         process, self._process = self._process, None
         self._started = -RESTART_AFTER
         if process is not None:

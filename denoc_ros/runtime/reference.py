@@ -264,7 +264,6 @@ class ReferenceFollower:
         return self._now is not None or self._point is not None
 
     def _plan(self, moment: float, q: Array, qd: Array, qdd: Array) -> bool:
-        """Sample the motion of a moment to come."""
         due = [each for each in self._coming if each[1] <= moment]
         if not due:
             return self._evaluate(moment, q, qd, qdd)
@@ -273,7 +272,6 @@ class ReferenceFollower:
         return True
 
     def _evaluate(self, now: float, q: Array, qd: Array, qdd: Array) -> bool:
-        """Sample the present motion."""
         if self._now is not None:
             self._now.sample(now - self._now_start, q, qd, qdd)
         elif self._point is not None:

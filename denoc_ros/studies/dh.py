@@ -161,7 +161,6 @@ def _add_visuals(element: Element, link: DHLink, width: float) -> None:
 
 
 def _end(link: DHLink) -> tuple[Array, Array]:
-    """Return position and axes of the next joint's frame, seen from the link's."""
     return np.array([link.a, 0.0, link.b]), _rotation_x(link.alpha)
 
 

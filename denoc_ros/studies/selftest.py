@@ -490,7 +490,6 @@ def _add_selftest(parser: argparse.ArgumentParser) -> None:
 
 
 def _selftest(args: argparse.Namespace) -> VerbResult:
-    """Measure; exit status 2 when a row of the table is not reached."""
     workers = worker_config(args)
 
     def runner(measure: Callable[[Job], Outcome], jobs: Iterable[Job]) -> Iterator[Outcome]:

@@ -124,7 +124,6 @@ def _by_joint(study: Study, values: Any) -> dict[str, float]:
 
 
 def _lines(summary: Mapping[str, Any]) -> Iterator[str]:
-    """Yield the figures of a study for a terminal."""
     runs = summary['algorithms'].items()
     yield (
         f'{summary["output"]}: {summary["duration_s"]:g} s, {summary["method"]}, '

@@ -281,7 +281,6 @@ class RecordedRun(Sequence[Snapshot]):
 
 
 def _known(columns: Mapping[str, Array], index: int) -> dict[str, float]:
-    """Finite values at a moment, by name."""
     row = {name: float(column[index]) for name, column in columns.items()}
     return {name: value for name, value in row.items() if math.isfinite(value)}
 

@@ -196,7 +196,6 @@ def _side(corners: Array) -> float:
 
 
 def _normals(corners: Array) -> Array:
-    """Return the unit normals (f, 3) of triangles (f, 3, 3)."""
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     return np.asarray(normals / np.maximum(np.linalg.norm(normals, axis=1), TINY)[:, np.newaxis])
 

@@ -375,7 +375,6 @@ def _require(
 def _narrowed(
     robot: Robot, limits: JointLimits, ranges: Mapping[str, tuple[float, float]]
 ) -> JointLimits:
-    """Return limits of joints with narrower ranges of some positions."""
     lower, upper = limits.lower.copy(), limits.upper.copy()
     names, findings = list(robot.joint_names), []
     for name, (low, high) in ranges.items():
@@ -394,7 +393,6 @@ def _narrowed(
 
 
 def _start(along: PrescribedRobot, limits: JointLimits, given: Mapping[str, float]) -> Array:
-    """Return where the driven joints begin."""
     findings = [
         f'start must be of joints of {", ".join(along.joints)}, got {name!r}'
         for name in given

@@ -119,7 +119,6 @@ def reading_spreads(recording: Recording) -> dict[str, float]:
 
 
 def _shapes(count: int) -> list[tuple[int, ...]]:
-    """Return the shapes that readings of a sensor may have."""
     return [(count,), *((count, parts) for parts in sorted(PARTS))]
 
 
@@ -296,7 +295,6 @@ def _with_torque_constants(
 
 
 def _window(whole: Recording, begin: float, end: float) -> Recording:
-    """Return the part of a recording between two times [s] since its first joint state."""
     if begin <= 0.0 and end == math.inf:
         return whole
     since = whole.t - whole.t[0]

@@ -206,7 +206,6 @@ class CountingKernels:
         return function
 
     def _attributed(self, function: FunctionType) -> Callable[..., Any]:
-        """Wrap a function to add its own operations to its share."""
         name, tally, running = function.__name__, self.tally, self._running
 
         def attributed(*arguments: Any) -> Any:
