@@ -217,7 +217,6 @@ class ExcitedChannels:
         self._inertial_noise = np.array(
             [noise[f'{name}.{part.partition("_")[0]}'] for name, part in self._parts]
         )
-        self._point = parameters.settings(np.zeros(parameters.size))
         linear, self._paths = parameters.linear(set(parameters.robot.joint_names))
         self._linear, self._slopes = linear, parameters.slopes(np.zeros(parameters.size))
         self._others = sorted(set(range(parameters.size)) - set(linear))
@@ -276,7 +275,7 @@ class ExcitedChannels:
                 below = self.whitened(*self._side(k, -STEP), rows)
                 found[:, :, k] = (above - below) / (2.0 * STEP)
                 continue
-            here = self.whitened(*self._here(), rows) if here is None else here
+            here = self.whitened(*self._side(k, 0.0), rows) if here is None else here
             found[:, :, k] = (above - here) / STEP
         return found.reshape(-1, size)
 
@@ -284,20 +283,14 @@ class ExcitedChannels:
         """Return the root of how many samples a row stands for."""
         return float(np.sqrt(self.rate * (rows.t[1] - rows.t[0])))
 
-    def _here(self) -> tuple[PrescribedRobot, SearchPoint]:
-        return self._sides.setdefault((-1, 0.0), (self._made(self._point), self._point))
-
     def _side(self, k: int, change: float) -> tuple[PrescribedRobot, SearchPoint]:
-        """Return the robot with one theta changed; made once."""
+        """Return the robot with one theta changed, or none by 0; made once."""
         if (k, change) not in self._sides:
             theta = np.zeros(self.parameters.size)
             theta[k] = change
             point = self.parameters.settings(theta)
-            self._sides[(k, change)] = (self._made(point), point)
-        return self._sides[(k, change)]
-
-    def _made(self, point: SearchPoint) -> PrescribedRobot:
-        return PrescribedRobot(self.parameters.robot_at(point))
+            self._sides[k, change] = PrescribedRobot(self.parameters.robot_at(point)), point
+        return self._sides[k, change]
 
 
 def _late(t: Array, values: Array, delay: float) -> Array:
