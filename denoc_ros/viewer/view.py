@@ -365,45 +365,30 @@ class Controls:
     """
 
     def __init__(self, gui: Any, look: ViewOptions, changed: Callable[[], None]) -> None:
+        def checkboxes(**texts: str) -> dict[str, Any]:
+            return {
+                name: gui.add_checkbox(text, getattr(look, name)) for name, text in texts.items()
+            }
+
         with gui.add_folder('Deflection', order=10.0):
             scale = min(max(look.scale, 1.0), LARGEST)
-            self._scale = gui.add_slider(
-                'Scale',
-                1.0,
-                LARGEST,
-                0.5,
-                scale,
-                hint='Factor that enlarges the drawn deflections',
-            )
-            self._strain = gui.add_checkbox('Colour by strain', look.strain)
-            self._ghost = gui.add_checkbox('Undeflected ghost', look.ghost)
+            hint = 'Factor that enlarges the drawn deflections'
+            slider = gui.add_slider('Scale', 1.0, LARGEST, 0.5, scale, hint=hint)
+            shown = checkboxes(strain='Colour by strain', ghost='Undeflected ghost')
             self._legend = gui.add_html('')
         with gui.add_folder('Forces', order=20.0):
-            self._torques = gui.add_checkbox('Joint torques', look.torques)
-            self._reactions = gui.add_checkbox('Reactions', look.reactions)
-            self._loops = gui.add_checkbox('Loop joints', look.loops)
+            shown |= checkboxes(
+                torques='Joint torques', reactions='Reactions', loops='Loop joints'
+            )
             self._arrows = gui.add_html('')
-        for handle in (
-            self._scale,
-            self._strain,
-            self._ghost,
-            self._torques,
-            self._reactions,
-            self._loops,
-        ):
+        self._handles = {'scale': slider, **shown}
+        for handle in self._handles.values():
             handle.on_update(lambda _: changed())
 
     @property
     def look(self) -> ViewOptions:
         """View options that the user has chosen."""
-        return ViewOptions(
-            float(self._scale.value),
-            self._strain.value,
-            self._ghost.value,
-            self._torques.value,
-            self._reactions.value,
-            self._loops.value,
-        )
+        return ViewOptions(**{name: handle.value for name, handle in self._handles.items()})
 
     def explain(self, legend: Legend) -> None:
         """Explain the colours and arrows."""
