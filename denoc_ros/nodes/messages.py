@@ -67,12 +67,10 @@ class _Prebuilt:
 
     _raw: bytearray
 
-    def stamp(self, stamp_ns: int) -> None:
-        """Write the header's stamp [ns]."""
-        self._raw[4:12] = stamp_bytes(stamp_ns)
-
-    def bytes(self) -> bytes:
-        """Return the message, ready for `Publisher.publish`."""
+    def bytes(self, stamp_ns: int | None = None) -> bytes:
+        """Return the message, ready for `Publisher.publish`, with a new stamp [ns] if given."""
+        if stamp_ns is not None:
+            self._raw[4:12] = stamp_bytes(stamp_ns)
         return bytes(self._raw)
 
 
