@@ -10,6 +10,8 @@ export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 export ROS_LOG_DIR ?= $(CURDIR)/log/ros
 # small solutions by the thousand: threads of BLAS would wait for each other most of the time
 export OPENBLAS_NUM_THREADS ?= 1
+# each of the hundreds of processes that tests start would compile all modules anew
+unexport PYTHONDONTWRITEBYTECODE
 # a Python of another environment must not hand down where its ROS libraries are
 unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE
 # .venv has a ROS of its own: a sourced one would mix its libraries in
