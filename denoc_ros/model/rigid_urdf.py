@@ -328,8 +328,8 @@ def _joint(element: Element) -> RigidUrdfJoint:
 
 def _limits(joint: Element) -> Limits:
     limit = joint.find('limit')
-    names = ('velocity', 'effort')
+    names = ['velocity', 'effort']
     if joint.get('type') != 'continuous':
-        names = ('lower', 'upper', *names)
+        names += ['lower', 'upper']
     given = [] if limit is None else [name for name in names if name in limit.attrib]
     return Limits(**{name: _checked(limit).number(name) for name in given})

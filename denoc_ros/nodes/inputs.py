@@ -209,8 +209,8 @@ class Input:
         self._subscribed = subscribed
         self.subscription = subscribed()
         self._numbered: Any = None  # a second subscription, where messages come with numbers
-        handle = self.subscription.handle
-        self._publishers, self._take_message = handle.get_publisher_count, handle.take_message
+        self._publishers = self.subscription.handle.get_publisher_count
+        self._take_message = self.subscription.handle.take_message
         self._publishing = 0  # publishers after the last take
         self._active_publishers = ActivePublishers(monitor.max_publishers)
         self.number: int | None = None

@@ -129,11 +129,11 @@ class SensedChannels:
             if not parts:
                 continue
             path = f'sensor.{sensor.name}'
-            offset = np.array([given.get(f'{path}.offset.{part}', 0.0) for part in parts])
-            gain = np.array([given.get(f'{path}.gain.{part}', 1.0) for part in parts])
+            offsets = np.array([given.get(f'{path}.offset.{part}', 0.0) for part in parts])
+            gains = np.array([given.get(f'{path}.gain.{part}', 1.0) for part in parts])
             names = [f'{sensor.name}/{part}' for part in parts]
             seen = self._seen(names, robot, states, settings)
-            found += self._missed(names, (seen - offset) / gain)
+            found += self._missed(names, (seen - offsets) / gains)
         for frame in self._frames:
             found += self._of_pose(robot, frame, states, settings)
         return [residual for residual in found if len(residual)]
