@@ -9,8 +9,6 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-import trimesh
-
 from denoc_ros.errors import ModelError
 from denoc_ros.model.findings import Reader
 
@@ -73,6 +71,8 @@ def read_surface(file: Path) -> Any:
     ModelError
         For a file that is no mesh, or one without triangles.
     """
+    import trimesh  # here: it takes half a second, and most descriptions need none
+
     try:
         with _silent('trimesh'):
             mesh = trimesh.load(file, force='mesh', skip_materials=True)

@@ -117,7 +117,8 @@ class SimulatedRuns:
         robot, motions = self.moved(settings)
         found = np.empty((len(here), len(places)))
         of_robot = self.parameters.moves_robot
-        for column, k in enumerate(places):
+        # what moves nothing first: it shares what sensors see of the motion here
+        for column, k in sorted(enumerate(places), key=lambda each: bool(of_robot[each[1]])):
             change = np.zeros(self.parameters.size)
             change[k] = STEP
             point = self.parameters.settings(theta + change)
