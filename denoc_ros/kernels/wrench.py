@@ -135,7 +135,7 @@ def body_wrench(topology, constants, work, qd, qdd, i):
     rigid_wrench(topology, constants, work, i)
     if at(topology, i, at_.POINTS) > 0:
         if at(topology, i, at_.COMPONENTS) > 0:
-            component_wrench(topology, constants, work, qd, qdd, i)
+            component_wrench(topology, constants, work, i)
         else:
             bending_wrench(topology, constants, work, qd, qdd, i)
     if at(topology, i, at_.NT) > 0:
