@@ -9,6 +9,7 @@ from __future__ import annotations
 import struct
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -68,7 +69,7 @@ def output2_matrix(name: str, matrix: Array, kind: int = 2) -> bytes:
     return b''.join(parts) + words(0)
 
 
-def output2(file: Path, **matrices: Array) -> Path:
+def output2(file: Path, **matrices: Any) -> Path:
     """Write the nodes of two grids, and matrices behind them, to one output2 file."""
     blocks = (
         output2_matrix(name, m, 4 if np.iscomplexobj(m) else 2) for name, m in matrices.items()
