@@ -34,6 +34,7 @@ SMOOTHINGS, BAND, POWERS = 3, 6.0, 15
 # vectors beyond those wanted, steps, residual of forces aimed at and the largest allowed: an
 # eigenvalue is exact to its square
 GUARDS, BLOCK_STEPS, BLOCK_RESIDUAL, LARGEST_RESIDUAL = 6, 40, 1e-6, 1e-4
+BETTER = 'use another edge, for flat elements hinder them'
 RESIDUAL = 1e-6  # of a load, in its equation: beyond it the stiffness is singular
 SINGULAR = 1e-10  # of the largest stiffness of patches
 TOLERANCE = 1e-10  # of eigenvalues
@@ -132,7 +133,7 @@ class TwoGrids:
             self.matrix, load, M=self._preconditioner(), rtol=REFINED, maxiter=MOST_STEPS
         )
         if failed:
-            rule = f'conjugate gradients must converge for {len(load)} rows, or a mesh be better'
+            rule = f'conjugate gradients must converge for {len(load)} rows: {BETTER}'
             raise SolverError(f'{self.where}: {rule}, got none in {MOST_STEPS} steps')
         return np.asarray(found)
 
@@ -183,7 +184,7 @@ class TwoGrids:
         off = np.linalg.norm(force - (mass @ vectors) * values, axis=0)
         worst = float((off / np.linalg.norm(force, axis=0)).max(initial=0.0))
         if not worst < LARGEST_RESIDUAL:
-            rule = 'modes must converge, or a mesh be better'
+            rule = f'modes must converge: {BETTER}'
             raise SolverError(f'{self.where}: {rule}, got a residual of {worst:.3g}')
         return np.asarray(values), np.asarray(vectors)
 

@@ -136,7 +136,7 @@ def test_large_bodies_are_refined_to_the_same_modes(monkeypatch: pytest.MonkeyPa
     ('name', 'value', 'match'),
     [
         ('MOST_STEPS', 1, 'block: conjugate gradients must converge for .* got none in 1 steps'),
-        ('LARGEST_RESIDUAL', 0.0, 'block: modes must converge, .* got a residual of'),
+        ('LARGEST_RESIDUAL', 0.0, 'block: modes must converge: .* got a residual of'),
     ],
 )
 def test_a_large_body_that_does_not_converge_is_told(
