@@ -137,8 +137,12 @@ def totals(v):
 
 
 @short_shared
-def component_wrench(topology, constants, work, i):
-    """Add the wrench of body i's points and write its modal forces: sum [1; p x; B^T] acc."""
+def component_wrench(topology, constants, work, q, qd, qdd, i):
+    """Place the points of body i, add their wrench and write modal forces: sum [1; p x; B^T] acc.
+
+    In one call, so that beams keep the registers.
+    """
+    set_points(topology, constants, work, q, qd, qdd, i, True)
     m, points = at(topology, i, at_.MODES), at(topology, i, at_.POINTS)
     o = at(topology, i, at_.WORK)
     w = load(work, o + at_.ANGULAR_VELOCITY)
