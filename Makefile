@@ -98,6 +98,7 @@ counts:
 bench: $(STAMP)
 	$(BIN)/denoc bench
 	$(BIN)/python campaigns/bench/tick_latency.py
+	PYTHONPATH=campaigns:test:test/support $(BIN)/python -m bench.meshed_speed
 
 # minutes: denoc identify model beside mujoco.sysid and figaroh, which it installs
 peers: $(STAMP)

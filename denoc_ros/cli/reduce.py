@@ -36,7 +36,7 @@ EXTRA = ('pytetwild', 'skfem', 'pymetis', 'meshio')  # packages that only this v
 DESCRIPTION = (
     'Make a flexible link of a closed surface mesh (STL, OBJ, PLY, OFF, COLLADA), a volume mesh '
     '(.msh, .inp, .bdf, .mesh), the link of a URDF (its <beam>, else its mesh), or mass and '
-    'stiffness matrices of another program (.mtx, .npz, .op4, .sti, .full). The file is for '
+    'stiffness matrices of another program (.mtx, .npz, .op4, .op2, .sti, .full). The file is for '
     '<flexible link= file=>.'
 )
 

@@ -325,7 +325,7 @@ class _ArrayBuilder:
         row[layout.MODES] = row[layout.COMPONENTS] = points.modes
         row[layout.POINTS], row[layout.BENT] = points.count, points.bent
         row[layout.BEAM] = self.append(points.constants)
-        size = points.modes + (2 + points.modes) * 3 * points.count
+        size = points.modes + (3 + points.modes) * 3 * points.count
         row[layout.BEAM_WORK] = self.reserve(size)
 
     def derivatives(self) -> None:
