@@ -105,8 +105,12 @@ class TwoGrids:
 
     Conjugate gradients, preconditioned by the factor of the four-node elements with the same
     vertices, between Chebyshev smoothings (Adams, Brezina, Hu, Tuminaro, J. Comput. Phys. 188,
-    2003). Parameters and errors are those of :class:`Factor`, and
+    2003).
 
+    Parameters
+    ----------
+    where, matrix
+        As of :class:`Factor`, whose errors are those of this.
     interpolation : sparse matrix (N, c)
         Values of all rows from those of the four-node elements.
     coarse_groups : ndarray (c,)
