@@ -89,6 +89,9 @@ class MinimumTimeProblem(Protocol[S]):
     def jacobian(self, solution: S) -> Array | sparse.csr_array:
         """Return the derivatives (k r, p) of the shares, row by row."""
 
+    def shares_at(self, found: S, here: S) -> Array:
+        """Return the shares (k, r) of a motion at the places of another motion's rows."""
+
     def program(self, solution: S) -> Objective:
         """Return the cost as a function of the coefficients."""
 
@@ -370,9 +373,7 @@ def _corrected(
     A correction of second order: the derivatives are those of the motion before.
     """
     before, there = steps
-    if found.shares.shape != here.shares.shape:
-        return found, there
-    shares = found.shares.ravel() - jacobian @ (there - before)
+    shares = problem.shares_at(found, here).ravel() - jacobian @ (there - before)
     step = _program(
         problem.program(here),
         here,

@@ -128,6 +128,13 @@ def test_kinks_straight_arms_and_singularities_are_passed_within_limits(
     assert plan.tip_error.max() < 5e-5
 
 
+def test_equal_shares_of_the_asked_coefficients_stretch_the_motion_as_a_whole() -> None:
+    basis = TimingBasis.spline(2.0, lambda t: np.sin(0.5 * np.pi * t) ** 2, 6)
+    np.testing.assert_allclose(basis.design @ basis.asked, 1.0, rtol=1e-12)
+    stretched = Timing(basis, basis.asked / 1.5**2)
+    np.testing.assert_allclose(stretched.t, 1.5 * basis.stations, rtol=1e-12, atol=1e-12)
+
+
 def test_times_of_stations_have_their_derivatives() -> None:
     basis = TimingBasis.spline(2.0, lambda t: np.sin(0.5 * np.pi * t) ** 2, 6)
     c = np.linspace(1.0, 2.0, basis.design.shape[1])
