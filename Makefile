@@ -10,6 +10,8 @@ export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 export ROS_LOG_DIR ?= $(CURDIR)/log/ros
 # small solutions by the thousand: threads of BLAS would wait for each other most of the time
 export OPENBLAS_NUM_THREADS ?= 1
+# each of the hundreds of processes that tests start would compile all modules anew
+unexport PYTHONDONTWRITEBYTECODE
 # a Python of another environment must not hand down where its ROS libraries are
 unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE
 # .venv has a ROS of its own: a sourced one would mix its libraries in
@@ -51,19 +53,20 @@ types: $(STAMP)
 check: lint
 	$(BIN)/pytest -m 'not ros' --numprocesses auto $(LONGEST_FIRST)
 
-# what has no nodes runs on all cores; of nodes, which wait some of the time, three files at a time;
-# a minute of siege has ends of nodes beside it; types and layers take what all these leave; loops
-# that are held to time have the machine to themselves
+# side by side: nodes, which wait much of the time, three files at a time, then a minute of siege
+# with ends of nodes beside it; and in the time that these leave what has no nodes, on all cores,
+# then types and layers. Loops that are held to time have the machine to themselves, at the end
 test: style browser
 	@status=0; mkdir -p $(ROS_LOG_DIR); \
-	nice -n 19 $(MAKE) --no-print-directory types > $(ROS_LOG_DIR)/types.txt 2>&1 & types=$$!; \
-	$(BIN)/pytest -m 'not ros' --numprocesses auto $(LONGEST_FIRST) || status=1; \
+	{ nice -n 10 $(BIN)/pytest -m 'not ros' --numprocesses auto $(LONGEST_FIRST); found=$$?; \
+	nice -n 10 $(MAKE) --no-print-directory types && exit $$found; } > $(ROS_LOG_DIR)/check.txt 2>&1 & check=$$!; \
+	trap 'trap - TERM; kill 0; exit 130' INT TERM; \
 	$(BIN)/pytest -m 'ros and not alone' --numprocesses 3 $(LONGEST_FIRST) || status=1; \
 	$(BIN)/pytest -m alone -k test_siege > $(ROS_LOG_DIR)/siege.txt 2>&1 & siege=$$!; \
 	$(BIN)/pytest -m alone -k test_ends || status=1; \
 	wait $$siege || status=1; \
-	wait $$types || status=1; \
-	cat $(ROS_LOG_DIR)/siege.txt $(ROS_LOG_DIR)/types.txt; \
+	wait $$check || status=1; \
+	cat $(ROS_LOG_DIR)/siege.txt $(ROS_LOG_DIR)/check.txt; \
 	$(BIN)/pytest -m alone -k 'not (test_siege or test_ends)' || status=1; \
 	exit $$status
 
@@ -95,6 +98,7 @@ counts:
 bench: $(STAMP)
 	$(BIN)/denoc bench
 	$(BIN)/python campaigns/bench/tick_latency.py
+	PYTHONPATH=campaigns:test:test/support $(BIN)/python -m bench.meshed_speed
 
 # minutes: denoc identify model beside mujoco.sysid and figaroh, which it installs
 peers: $(STAMP)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import re
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -15,6 +16,7 @@ ROWS = re.findall(
 QUOTED = [quoted for row in ROWS for quoted in re.findall(r'`([^`]+)`', row)]
 
 
+@cache
 def texts() -> list[str]:
     """Return every text of the package, … where something is put in."""
     found = []
@@ -30,15 +32,12 @@ def texts() -> list[str]:
     return found
 
 
-TEXTS = texts()
-
-
 @pytest.mark.parametrize('quoted', QUOTED)
 def test_every_message_quoted_is_one_of_the_package(quoted: str) -> None:
     """Its parts between the … stand in one text of the package, in this order."""
     parts = [re.escape(part.strip(' ,:;.')) for part in quoted.split('…')]
     wanted = re.compile('.*'.join(part for part in parts if part), re.DOTALL)
-    assert any(wanted.search(text) for text in TEXTS)
+    assert any(wanted.search(text) for text in texts())
 
 
 def test_a_message_that_there_is_not_is_found_out() -> None:

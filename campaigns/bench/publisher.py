@@ -82,11 +82,10 @@ def joints(node: Node, names: list[str], swing: float = 0.0) -> Callable[[], Non
 
     def talk() -> None:
         stamp_ns = time.time_ns()
-        message.stamp(stamp_ns)
         phase = SWINGING * (1e-9 * stamp_ns % (math.tau / SWINGING))
         message.position[:] = swing * math.sin(phase)
         message.velocity[:] = swing * SWINGING * math.cos(phase)
-        publisher.publish(message.bytes())
+        publisher.publish(message.bytes(stamp_ns))
 
     return talk
 

@@ -53,8 +53,7 @@ def publisher(rate: float, priority: int, file: Path) -> None:
 
     def tick(_steps: int) -> None:
         now = time.time_ns()
-        message.stamp(now)
-        publisher.publish(message.bytes())
+        publisher.publish(message.bytes(now))
         if now - last[0] > longest:
             pauses.append((last[0], now))
         last[0] = now

@@ -65,15 +65,8 @@ class BackgroundWriter:
         Everything taken is flushed at most this much later [s], unless the disk stalls.
     min_free_space : int
         The bag is closed, whole, before the disk has less than this left [bytes].
-    free_space : callable
-        Gives the free bytes at a path.
     queue_bytes : int
         Most memory that the waiting messages may take; more are lost, and counted by topic.
-
-    Raises
-    ------
-    BagError
-        When a number is out of range.
     """
 
     def __init__(

@@ -50,10 +50,6 @@ class CdrReader:
 
     Attributes
     ----------
-    raw : bytes
-        The message.
-    position : int
-        Of the next byte.
     order : {'<', '>'}
         Of the bytes of a number.
     """
@@ -70,7 +66,6 @@ class CdrReader:
         raise CdrError(rule)
 
     def _end(self, size: int) -> int:
-        """Return where the next `size` bytes end."""
         end = self.position + size
         if end > len(self.raw):
             self.fail(f'message must not end at byte {len(self.raw)}')

@@ -22,12 +22,7 @@ _DTYPES = {'byte': 'uint8', 'octet': 'uint8', 'char': 'uint8'}
 
 @lru_cache(maxsize=1)
 def message_types() -> Any:
-    """Return the typestore of ROS 2 Jazzy, which grows by the installed types that are asked for.
-
-    Returns
-    -------
-    rosbags.typesys.store.Typestore
-    """
+    """Return the typestore of ROS 2 Jazzy, which grows by installed types when they are needed."""
     return get_typestore(Stores.ROS2_JAZZY)
 
 
@@ -39,11 +34,6 @@ def message_definition(type_name: str) -> str:
     type_name : str
         `package/msg/Name`. Types beyond the common interfaces are looked up below
         `share/package/msg` of every prefix in AMENT_PREFIX_PATH.
-
-    Raises
-    ------
-    BagError
-        When nothing defines the type.
     """
     require_type(type_name)
     text, _ = message_types().generate_msgdef(type_name, ros_version=2)
@@ -55,8 +45,6 @@ def encode(type_name: str, stamp_ns: int, fields: Mapping[str, Any]) -> bytes:
 
     Parameters
     ----------
-    type_name : str
-        `package/msg/Name`.
     stamp_ns : int
         Goes into `header.stamp` of a type with a header that is not among the fields [ns].
     fields : mapping
@@ -85,10 +73,6 @@ def decode(types: Any, type_name: str, raw: bytes) -> tuple[Any, int]:
 
     Parameters
     ----------
-    types : rosbags.typesys.store.Typestore
-        Where the type is defined.
-    type_name : str
-        `package/msg/Name`.
     raw : bytes
         CDR. What rclpy's `serialize_message` appends to it (up to 8 uninitialised bytes, at
         which rosbags itself takes offence) is passed over.

@@ -123,8 +123,6 @@ class JointStateMessage:
         Joint, deflection or sensor names.
     fields : sequence of str
         Which of `FIELDS` the message has; the others stay empty.
-    frame_id : str
-        Of the header.
     """
 
     def __init__(self, names: Sequence[str], fields: Sequence[str], frame_id: str = '') -> None:
@@ -143,10 +141,6 @@ class JointStateMessage:
         self.effort: Array = views['effort']
         self._views = [views[field] for field in fields]
 
-    def stamp(self, stamp_ns: int) -> None:
-        """Write the header's stamp [ns]."""
-        self._raw[ENCAPSULATION:_HEAD] = stamp_bytes(stamp_ns)
-
     def encode(self, stamp_ns: int, *values: Array) -> bytes:
         """Return the CDR of a message.
 
@@ -159,9 +153,10 @@ class JointStateMessage:
         """
         for view, numbers in zip(self._views, values, strict=True):
             view[:] = numbers
-        self.stamp(stamp_ns)
-        return self.bytes()
+        return self.bytes(stamp_ns)
 
-    def bytes(self) -> bytes:
-        """Return the message's CDR."""
+    def bytes(self, stamp_ns: int | None = None) -> bytes:
+        """Return the message's CDR, its header with a new stamp [ns] if given."""
+        if stamp_ns is not None:
+            self._raw[ENCAPSULATION:_HEAD] = stamp_bytes(stamp_ns)
         return bytes(self._raw)

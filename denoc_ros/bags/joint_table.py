@@ -52,16 +52,8 @@ def joint_columns(
 
     Parameters
     ----------
-    table : Path
-        What messages call it.
-    given : mapping of str to array
-        Its columns.
-    joints : sequence of str
-        The robot's.
     named : mapping of str to str
         `joint.field` to the column that it is taken from, whatever the names.
-    fields : sequence of str
-        Of a joint; default: position, velocity and effort.
 
     Raises
     ------
@@ -126,16 +118,6 @@ def table_times(
 ) -> tuple[str, str, Array]:
     """Return a table's column of times, its unit, and the times from the first row on [s].
 
-    Parameters
-    ----------
-    path : Path
-        Named in errors.
-    columns : Table
-        What `read_table` returns.
-    times : TableTimes
-    rows : int
-        How many times a rate makes.
-
     Raises
     ------
     BagError
@@ -161,16 +143,6 @@ def joints_of_table(
     path: Path, given: Table, joints: Sequence[str], named: Mapping[str, str], times: TableTimes
 ) -> JointSeries:
     """Return the joints whose positions a table has; a row without a time has a stamp of 0.
-
-    Parameters
-    ----------
-    path : Path
-        Named in errors.
-    given : Table
-        What `read_table` returns.
-    joints, named
-        As of `joint_columns`.
-    times : TableTimes
 
     Raises
     ------
@@ -220,23 +192,12 @@ def bag_of_table(
 
     Parameters
     ----------
-    table : Path
-        A file that `read_table` reads.
     joints : sequence of str
         The robot's. A column `elbow/position`, `elbow.velocity` or `elbow_effort`, also with
         something before it (`/joint_states/elbow/effort`), is that of the joint; `elbow` alone is
         its position [rad, m; per s; N m, N].
-    output : Path
-        The bag, which must not exist yet.
     columns : mapping of str to str, optional
         `joint.field` to the column that it is taken from, whatever the names.
-    times : TableTimes, optional
-        How times are read.
-
-    Returns
-    -------
-    Path
-        Of the bag.
 
     Raises
     ------

@@ -354,18 +354,11 @@ def read_thinned(
     path : str or Path
         A bag that `read_raw` reads. The index of an MCAP file leads from one message to the next
         that is wanted; bags without one are read whole.
-    topics : collection of str
-        Topics of the bag.
     step_ns : int
         Mean time between the messages kept of a topic, where it has more [ns]. The first message
         of each topic is always kept.
     early_ns, late_ns : float
         What is kept lies between them, since the first message of these topics [ns].
-
-    Raises
-    ------
-    BagError
-        As `read_raw`.
     """
     source = require_readable(Path(path))
     parts = mcap_files(source)

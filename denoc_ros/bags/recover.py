@@ -51,8 +51,6 @@ def recover(
 
     Parameters
     ----------
-    path : str or Path
-        A `.mcap` file or a folder of them.
     out : str or Path, optional
         A new rosbag2 folder, or for a single file a new `.mcap`; default: the path's name with
         `_recovered`, a folder beside it.

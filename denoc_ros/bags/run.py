@@ -92,8 +92,6 @@ class RecordedTopics:
         ----------
         ending : str
             Such as `joint_states` or `plant/true_deflection`.
-        field : str
-            `position`, `velocity` or `effort`.
         """
         found = self.joints(ending)
         series = None if found is None else found.field(field)

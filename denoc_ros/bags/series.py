@@ -38,10 +38,7 @@ INERTIAL_NUMBERS = {
     'geometry_msgs/msg/AccelStamped': _axes('accel.linear'),
 }
 POSE_NUMBERS = {
-    'geometry_msgs/msg/PoseStamped': (
-        *_axes('pose.position'),
-        *_axes('pose.orientation', 'xyzw'),
-    )
+    'geometry_msgs/msg/PoseStamped': (*_axes('pose.position'), *_axes('pose.orientation', 'xyzw'))
 }
 ODOMETRY_NUMBERS = {  # the twist is in the axes of the child frame
     ODOMETRY: (
@@ -194,8 +191,6 @@ def renamed(names: Sequence[str], rename: Mapping[str, str]) -> dict[str, str]:
 
     Parameters
     ----------
-    names : sequence of str
-        In the bag.
     rename : mapping of str to str
         Beginnings of these names and what they are in the robot; the longest that fits counts.
     """
@@ -215,13 +210,7 @@ def _columns(names: Sequence[str], values: Array, wanted: Sequence[str]) -> Arra
 
 
 class JointStateColumns:
-    """Collects the raw messages of one topic; `series` makes arrays of them.
-
-    Parameters
-    ----------
-    topic : str
-        Named in errors.
-    """
+    """Collects the raw messages of one topic; `series` makes arrays of them."""
 
     def __init__(self, topic: str) -> None:
         self.topic = topic
@@ -235,13 +224,7 @@ class JointStateColumns:
         return len(self._stamps)
 
     def append(self, raw: bytes, log_ns: int) -> None:
-        """Take in one message's CDR bytes; a zero stamp counts as its log time [ns].
-
-        Raises
-        ------
-        BagError
-            When they are no JointState.
-        """
+        """Take in one message's CDR bytes; a zero stamp counts as its log time [ns]."""
         layout = self._layout
         if layout is None or not layout.fits(raw):
             layout = self._layout = self._learn(raw)
@@ -288,14 +271,10 @@ def joint_state_blocks(
 
     Parameters
     ----------
-    path : str or Path
-        A bag that `read_bag` reads.
     topics : sequence of str
         All are in each block, with the messages that were recorded since the block before.
     rows : int
         Messages of the first topic in a block; 0: the whole bag is one block.
-    stamp : {'header', 'log'}
-        As `read_bag`.
 
     Raises
     ------
@@ -328,14 +307,8 @@ def read_joint_states(
 
     Parameters
     ----------
-    path : str or Path
-        A bag that `read_bag` reads.
-    topic : str
-        The topic.
     names : sequence of str, optional
         The joints and their order; default: all, in the order of first appearance.
-    stamp : {'header', 'log'}
-        As `read_bag`.
 
     Raises
     ------
@@ -394,15 +367,9 @@ def read_numbers(
 
     Parameters
     ----------
-    path : str or Path
-        A bag that `read_bag` reads.
-    topic : str
-        A relative one is that of the robot's namespace.
     paths : mapping of str to sequence of str
         By the message types that the topic may have: where n numbers are in a message, as
         `INERTIAL_NUMBERS` has them.
-    stamp : {'header', 'log'}
-        As `read_bag`.
 
     Returns
     -------
@@ -435,14 +402,8 @@ def read_readings(
 
     Parameters
     ----------
-    path : str or Path
-        A bag that `read_bag` reads.
-    topic : str
-        Of one of `READING_TYPES`; a relative one is that of the robot's namespace.
     name, field : str
         The sensor's name, and which element or name in the message is its own.
-    wrench_field : str
-        Which component of a wrench.
 
     Raises
     ------

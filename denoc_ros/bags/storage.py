@@ -117,8 +117,6 @@ class McapFile:
     ----------
     path : Path
         A file that does not exist yet.
-    compression : str
-        `none`, `lz4` or `zstd`, by chunk.
     chunk_size : int
         Largest chunk [bytes] before compression; a flush ends a chunk earlier.
     """
@@ -128,9 +126,7 @@ class McapFile:
         self.contents = FileContents(path.name)
         self._disk = DiskFile(path)
         self._writer = Writer(
-            self._disk,
-            chunk_size=chunk_size,
-            compression=COMPRESSIONS[compression],
+            self._disk, chunk_size=chunk_size, compression=COMPRESSIONS[compression]
         )
         self._schemas: dict[str, Schema] = {}
         self._channels: dict[str, Channel] = {}
@@ -225,13 +221,7 @@ class McapFile:
 
 
 def require_bounded_chunks(path: Path) -> None:
-    """Refuse a file with chunks that would fill the memory, however small they are on the disk.
-
-    Raises
-    ------
-    BagError
-        With the size.
-    """
+    """Refuse a file with chunks that would fill the memory, however small they are on the disk."""
     with path.open('rb') as stream:
         summary = make_reader(stream).get_summary()
     chunks = summary.chunk_indexes if summary is not None else ()
@@ -245,11 +235,6 @@ def require_bounded_chunks(path: Path) -> None:
 
 class CompleteRecords:
     """Iterates over the complete records, those in chunks included, of a file that may be torn.
-
-    Parameters
-    ----------
-    stream : IO[bytes]
-        The file, at its start.
 
     Attributes
     ----------
@@ -476,14 +461,6 @@ def _chunk_index(chunk: Chunk, offset: int, length: int) -> ChunkIndex:
 def decompressed(data: bytes, compression: str, size: int) -> bytes:
     """Return the content of a chunk.
 
-    Parameters
-    ----------
-    data : bytes
-        As in the file.
-    compression : {'', 'lz4', 'zstd'}
-    size : int
-        Of the content [bytes], as the chunk claims. No more memory is taken.
-
     Raises
     ------
     ValueError
@@ -515,13 +492,7 @@ def _opened(data: bytes, compression: str, most: int) -> bytes:
 
 
 def require_bounded(chunks: Iterable[tuple[int, int, int]]) -> None:
-    """Refuse chunks that would fill the memory; (first time, last time, size [bytes]) of each.
-
-    Raises
-    ------
-    ValueError
-        With the size of one, or of all that are open at once.
-    """
+    """Refuse chunks that would fill the memory; (first time, last time, size [bytes]) of each."""
     steps = []
     for begin, end, size in chunks:
         if size > LARGEST_CHUNK:

@@ -76,13 +76,7 @@ OTHERS = (  # first bytes of files that are no text
 
 
 class Table(dict[str, Array]):
-    """Columns of numbers by name, each (k,).
-
-    Attributes
-    ----------
-    units : dict of str to str
-        Of columns: what a row below the names says.
-    """
+    """Columns of numbers by name, each (k,)."""
 
     def __init__(self, columns: dict[str, Array], units: dict[str, str] | None = None) -> None:
         super().__init__(columns)
@@ -214,7 +208,6 @@ def _usual_width(rows: Sequence[Sequence[str]]) -> int:
 
 
 def _trimmed(row: list[str]) -> list[str]:
-    """Leave out the empty cell behind a delimiter at the end of a line."""
     return row[:-1] if len(row) > 1 and not row[-1].strip() else row
 
 
@@ -520,8 +513,6 @@ def unit_of_times(name: str, times: Array, below: str = '') -> str:
         Of the column, which may say it.
     times : (k,) array
         Its values: those of a computer's clock say it by their size.
-    below : str
-        The unit in a row below the names; '' for none.
     """
     said = _unit_of(name) or unit_of_word(below)
     if said:

@@ -29,8 +29,6 @@ class BagWriter:
     path : str or Path
         A path that ends in `.mcap`: one bare file. Any other: a rosbag2 folder with
         `NAME_0.mcap`, `NAME_1.mcap`, … and, from `close` on, metadata.yaml.
-    compression : str
-        `none`, `lz4` or `zstd`.
     max_bag_size : int
         A file that has reached this size [bytes] is followed by the next one; 0: no bound.
     max_bag_duration : float
@@ -126,10 +124,6 @@ class BagWriter:
 
         Parameters
         ----------
-        name : str
-            Topic name.
-        type_name : str
-            Message type, `package/msg/Name`.
         qos : tuple of Qos
             What its publishers offer.
         definition : str
@@ -156,8 +150,6 @@ class BagWriter:
 
         Parameters
         ----------
-        topic : str
-            A topic that was added.
         stamp_ns : int
             Log time: when it was received [ns].
         raw : bytes
@@ -225,11 +217,6 @@ class BagWriter:
 
         The new file lies beside the old one, or in a new folder with a name by time when the
         folder is gone. Nothing is overwritten. `losses` tells what is no longer in the bag.
-
-        Returns
-        -------
-        bool
-            Whether a new file was begun.
         """
         file = self._open_file()
         try:

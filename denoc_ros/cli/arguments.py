@@ -20,39 +20,30 @@ Settings = TypeVar('Settings')
 
 def add_json(parser: Any) -> None:
     """Declare `--json`."""
-    parser.add_argument('--json', action='store_true', help='print JSON for machines')
+    add_option(parser, '--json', 'print JSON for machines')
 
 
-def add_repeated(parser: Any, *options: tuple[str, str]) -> None:
-    """Declare options that may be given several times: a list of texts, empty by default.
-
-    Parameters
-    ----------
-    parser : argument parser or group
-        What gets them.
-    options : (str, str)
-        Option with the form of its value, `--rename OLD=NEW`, and its help.
-    """
-    for option, text in options:
-        name, _, form = option.partition(' ')
-        parser.add_argument(name, metavar=form or None, action='append', default=[], help=text)
-
-
-def add_numbers(parser: Any, *options: tuple[str, float | None, str]) -> None:
-    """Declare options whose value is a number.
+def add_option(parser: Any, option: str, text: str, default: Any = None, **more: Any) -> None:
+    """Declare an option, or an argument of a verb.
 
     Parameters
     ----------
-    parser : argument parser or group
-        What gets them.
-    options : (str, float or int or None, str)
-        Option with the unit of its value, `--begin S`, its default, and its help. The number is
-        an integer where the default is one.
+    option : str
+        Its name, and behind it the form of its value: `--begin S`, `path BAG`. An option of which
+        nothing but its help is said is a switch.
+    default : Any
+        A number: values are numbers of its type. A list: the option may be given several times.
     """
-    for option, default, text in options:
-        name, _, unit = option.partition(' ')
-        kind = int if isinstance(default, int) else float
-        parser.add_argument(name, metavar=unit or None, type=kind, default=default, help=text)
+    name, _, form = option.partition(' ')
+    if form:
+        more['metavar'] = form
+    if isinstance(default, int | float):
+        more.setdefault('type', type(default))
+    elif isinstance(default, list) and 'nargs' not in more:
+        more['action'] = 'append'
+    elif default is None and not more and name.startswith('-'):
+        more['action'], default = 'store_true', False
+    parser.add_argument(name, default=default, help=text, **more)
 
 
 def add_output(parser: Any, form: str, text: str, required: bool = False) -> None:
@@ -69,20 +60,17 @@ def add_gravity(
 
     Parameters
     ----------
-    parser : argument parser or group
-        What gets it.
     default : tuple of float or None
         (3,) base frame [m/s^2].
-    said : str
-        The default in words.
     """
-    parser.add_argument(
+    add_option(
+        parser,
         '--gravity',
+        f'gravity in the base frame [m/s^2], default {said}',
+        default,
         nargs=3,
         type=float,
-        default=default,
         metavar=('X', 'Y', 'Z'),
-        help=f'gravity in the base frame [m/s^2], default {said}',
     )
 
 
@@ -95,18 +83,15 @@ def add_setting(group: Any, row: Parameter) -> None:
 
 def add_times(group: Any) -> None:
     """Declare how the times of a table are read: the fields of `TableTimes`."""
-    group.add_argument(
-        '--time', metavar='COLUMN', default='', help='column with the times of a table'
-    )
-    group.add_argument(
+    add_option(group, '--time COLUMN', 'column with the times of a table', '')
+    add_option(
+        group,
         '--time-unit',
+        "unit of a table's times; default: from the column's name (time_ms, t [us]), else s",
+        '',
         choices=('s', 'ms', 'us', 'ns'),
-        default='',
-        help=(
-            "unit of a table's times; default: from the column's name (time_ms, t [us]), else s"
-        ),
     )
-    add_numbers(group, ('--rate HZ', 0.0, 'sample rate of a table without times'))
+    add_option(group, '--rate HZ', 'sample rate of a table without times', 0.0)
 
 
 def add_window(group: Any, of: str) -> None:
@@ -114,7 +99,8 @@ def add_window(group: Any, of: str) -> None:
     since = f'since the first {of} [s]'
     add_stamp(group)
     add_times(group)
-    add_numbers(group, ('--begin S', 0.0, since), ('--end S', math.inf, since))
+    add_option(group, '--begin S', since, 0.0)
+    add_option(group, '--end S', since, math.inf)
 
 
 def window_findings(args: argparse.Namespace) -> list[str]:
@@ -128,11 +114,12 @@ def window_findings(args: argparse.Namespace) -> list[str]:
 
 def add_stamp(parser: Any) -> None:
     """Declare `--stamp`: by which clock a bag is read."""
-    parser.add_argument(
+    add_option(
+        parser,
         '--stamp',
+        'times of a bag: header stamps (default) or times of recording',
+        'header',
         choices=('header', 'log'),
-        default='header',
-        help='times of a bag: header stamps (default) or times of recording',
     )
 
 
@@ -188,18 +175,8 @@ def add_pairs(
 
     Parameters
     ----------
-    parser : argument parser or group
-        What gets it.
-    option : str
-        Option with the form of its value, `--rename OLD=NEW`.
-    text : str
-        Its help.
     read : callable
         Returns a value from its text, ValueError for one that is none.
-    dest : str, optional
-        Its name among the arguments.
-    form : str
-        The form in errors, where it is not that of `option`.
     """
     name, _, shown = option.partition(' ')
     parser.add_argument(
@@ -230,7 +207,7 @@ def number_range(text: str) -> tuple[float, float]:
 def add_overrides(parser: argparse.ArgumentParser) -> None:
     """Declare `--set` and `--payload`."""
     text = 'change a number of the model, such as beam.upper_arm.y.ei=9e4; repeatable'
-    add_repeated(parser, ('--set PATH=VALUE', text))
+    add_option(parser, '--set PATH=VALUE', text, [])
     add_pairs(
         parser,
         '--payload LINK=MASS[,X,Y,Z]',
@@ -247,15 +224,8 @@ def overrides_of(
 
     Parameters
     ----------
-    settings : sequence of str
-        `path=value` each.
     payloads : mapping of str to sequence of float
         Mass [kg], or mass and centre [m], by link.
-
-    Raises
-    ------
-    ConfigError
-        With every text that is no setting.
     """
     findings: list[str] = []
     overrides: dict[str, Any] = {}

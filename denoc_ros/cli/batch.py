@@ -16,6 +16,7 @@ from typing import Any
 
 from tqdm import tqdm
 
+from denoc_ros.cli.arguments import add_option
 from denoc_ros.cli.interrupts import deferred_interrupts, is_made_by_interrupt, noted_interrupts
 from denoc_ros.errors import ConfigError, DenocError
 from denoc_ros.reports.text_table import Row
@@ -113,18 +114,17 @@ class RowStore:
 
 def add_worker_options(parser: Any) -> None:
     """Declare --workers and --scheduler."""
-    parser.add_argument(
-        '--workers',
-        metavar='N',
-        type=int,
-        default=0,
-        help='number of processes of a local Dask cluster; default: this process alone',
+    add_option(
+        parser,
+        '--workers N',
+        'number of processes of a local Dask cluster; default: this process alone',
+        0,
     )
-    parser.add_argument(
-        '--scheduler',
-        metavar='ADDRESS',
-        default='',
-        help='address of a Dask scheduler, such as tcp://head:8786, whose workers do the work',
+    add_option(
+        parser,
+        '--scheduler ADDRESS',
+        'address of a Dask scheduler, such as tcp://head:8786, whose workers do the work',
+        '',
     )
 
 
@@ -155,12 +155,6 @@ def run_batch(
         Key -> item. Keys whose rows the store has already are not run again.
     store : RowStore or None
         Takes the rows as they come; failures are not stored, so that they are tried again.
-    workers : WorkerConfig
-        Who runs them.
-    label : str
-        Of the progress bar.
-    progress : bool
-        Whether there is one, on a terminal.
 
     Raises
     ------

@@ -10,7 +10,7 @@ from typing import Any
 
 from denoc_ros.bags.series import elapsed, read_readings
 from denoc_ros.bags.tables import read_sheet
-from denoc_ros.cli.arguments import add_gravity, add_json, add_numbers, add_output
+from denoc_ros.cli.arguments import add_gravity, add_json, add_option, add_output
 from denoc_ros.cli.config import find_file
 from denoc_ros.cli.verb_result import VerbResult
 from denoc_ros.cli.verbs import DOUBTFUL, NOT_IDENTIFIABLE
@@ -41,15 +41,6 @@ DESCRIPTION = (
 
 def write_description(args: argparse.Namespace, file: Path, text: Callable[[], str]) -> str:
     """Write a changed description to the chosen file; return its path, '' without one.
-
-    Parameters
-    ----------
-    args : argparse.Namespace
-        With `write` and `output`.
-    file : Path
-        The robot's file.
-    text : callable
-        Makes the description.
 
     Raises
     ------
@@ -102,31 +93,28 @@ def _mounting_lines(row: Mapping[str, Any]) -> Iterator[str]:
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
-    parser.add_argument('readings', help='a CSV table (columns reference, raw), or a bag')
-    parser.add_argument('--robot', required=True, help='the URDF file with the sensor')
-    parser.add_argument('--sensor', required=True, help='name of the sensor')
-    parser.add_argument(
+    add_option(parser, 'readings', 'a CSV table (columns reference, raw), or a bag')
+    add_option(parser, '--robot', 'the URDF file with the sensor', required=True)
+    add_option(parser, '--sensor', 'name of the sensor', required=True)
+    add_option(
+        parser,
         '--reference',
+        "kind of the references: the sensor's own values (default), or, for a link held "
+        'at the root and loaded at the tip, the deflection of the tip [m] or the load [N]',
+        'value',
         choices=KINDS,
-        default='value',
-        help=(
-            "kind of the references: the sensor's own values (default), or, for a link held at"
-            ' the root and loaded at the tip, the deflection of the tip [m] or the load [N]'
-        ),
     )
-    parser.add_argument(
-        '--levels',
+    add_option(
+        parser,
+        '--levels X',
+        'references of the plateaus of a bag, in order',
         type=float,
         nargs='+',
-        metavar='X',
-        help='references of the plateaus of a bag, in order',
     )
     add_gravity(parser)
-    add_numbers(parser, ('--hold S', 1.0, 'shortest plateau [s], default 1'))
+    add_option(parser, '--hold S', 'shortest plateau [s], default 1', 1.0)
     add_output(parser, '', 'write the calibrated URDF to a new file')
-    parser.add_argument(
-        '--write', action='store_true', help='write the calibration into the robot file itself'
-    )
+    add_option(parser, '--write', 'write the calibration into the robot file itself')
     add_json(parser)
 
 
@@ -211,7 +199,6 @@ def read_table(path: Path) -> tuple[list[float], list[float]]:
 
 
 def _write(args: argparse.Namespace, file: Path, found: Calibration) -> str:
-    """Write the calibrated description to the chosen file; return its path, '' without one."""
     paths = calibration_paths(args.sensor, found)
     return write_description(args, file, lambda: edited_description(file, paths))
 

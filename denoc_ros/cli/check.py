@@ -7,7 +7,7 @@ import math
 from pathlib import Path
 from typing import Any
 
-from denoc_ros.cli.arguments import add_gravity, add_json, given_file
+from denoc_ros.cli.arguments import add_gravity, add_json, add_option, given_file
 from denoc_ros.cli.config import find_file
 from denoc_ros.cli.postures import add_postures, posture, read_postures
 from denoc_ros.cli.verb_result import VerbResult
@@ -17,14 +17,8 @@ from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.errors import ConfigError
 from denoc_ros.model.suggest.suggestion import suggest_flexibility
 from denoc_ros.output_files import write_new, write_text
-from denoc_ros.reports.bode import page
 from denoc_ros.reports.provenance import named_file, provenance
-from denoc_ros.reports.robot import (
-    robot_text,
-    suggestion_text,
-    summarize,
-    summarize_suggestion,
-)
+from denoc_ros.reports.robot import robot_text, suggestion_text, summarize, summarize_suggestion
 
 PAGE = 'bode.html'
 OPTIONS = ('material', 'link', 'bandwidth', 'gears', 'output')
@@ -36,7 +30,7 @@ DESCRIPTION = (
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
-    parser.add_argument('robot', help='the URDF file, in this folder or in the installed package')
+    add_option(parser, 'robot', 'the URDF file, in this folder or in the installed package')
     add_gravity(parser)
     add_json(parser)
     add_postures(parser)
@@ -61,22 +55,21 @@ def run(args: argparse.Namespace) -> VerbResult:
 def add_bode(parser: argparse.ArgumentParser) -> None:
     """Declare `--bode` and its options."""
     group = parser.add_argument_group('would a loop ring')
-    group.add_argument(
-        '--bode',
+    add_option(
+        group,
+        '--bode IN:OUT',
+        "write a page with the frequency response from a joint's torque to a joint, a "
+        'sensor or a frame (tool, or tool/x, /y, /z, /rx, /ry, /rz), its poles and '
+        'zeros; repeatable',
         action='append',
-        metavar='IN:OUT',
-        help="write a page with the frequency response from a joint's torque to a joint, a sensor "
-        'or a frame (tool, or tool/x, /y, /z, /rx, /ry, /rz), its poles and zeros; repeatable',
     )
-    group.add_argument(
-        '--free',
-        action='store_true',
-        help='leave the other joints free; by default they are held',
-    )
+    add_option(group, '--free', 'leave the other joints free; by default they are held')
 
 
 def run_bode(args: argparse.Namespace, robot: Robot) -> VerbResult:
     """Write the page of frequency responses."""
+    from denoc_ros.reports.bode import page  # here: it draws, and the check does not
+
     pairs = _pairs(args.bode)
     postures = read_postures(robot, args.at) or [posture(robot, [0.0] * len(robot.joint_names))]
     ways = {
@@ -106,7 +99,6 @@ def _pairs(given: list[str]) -> list[tuple[str, str]]:
 
 
 def _summary(name: str, way: LoopResponse) -> dict[str, Any]:
-    """Summary of one response at one posture, ready for JSON."""
     return {
         'input': way.input,
         'output': way.output,
@@ -126,40 +118,34 @@ def _swing(one: Swing) -> dict[str, float]:
 def add_suggestion(parser: argparse.ArgumentParser) -> None:
     """Declare `--suggest` and its options."""
     group = parser.add_argument_group('a plain URDF becomes flexible')
-    group.add_argument(
+    add_option(
+        group,
         '--suggest',
-        action='store_true',
-        help='propose beams for its links, from their inertia, joints, geometry and a material',
+        'propose beams for its links, from their inertia, joints, geometry and a material',
     )
-    group.add_argument(
-        '--material',
-        metavar='NAME',
-        help='material: aluminium (the default), steel, titanium, magnesium, cfrp or gfrp',
+    add_option(
+        group,
+        '--material NAME',
+        'material: aluminium (the default), steel, titanium, magnesium, cfrp or gfrp',
     )
-    group.add_argument(
-        '--link',
+    add_option(
+        group,
+        '--link NAME',
+        'make this link flexible in any case; repeatable; default: all links that bend enough',
         action='append',
-        metavar='NAME',
-        help=(
-            'make this link flexible in any case; repeatable; default: all links that bend enough'
-        ),
     )
-    group.add_argument(
-        '--bandwidth',
+    add_option(
+        group,
+        '--bandwidth HZ',
+        "bandwidth of the robot's control, default 10: links with a natural frequency "
+        'below five times this become flexible, with modes up to ten times this',
         type=float,
-        metavar='HZ',
-        help=(
-            "bandwidth of the robot's control, default 10: links with a natural frequency "
-            'below five times this become flexible, with modes up to ten times this'
-        ),
     )
-    group.add_argument(
-        '--gears',
-        metavar='NAME',
-        help=(
-            'propose springs for its joints as well, by the effort limits, as gears of this kind '
-            'would be: strain_wave, cycloidal or planetary; an assumption'
-        ),
+    add_option(
+        group,
+        '--gears NAME',
+        'propose springs for its joints as well, by the effort limits, as gears of this '
+        'kind would be: strain_wave, cycloidal or planetary; an assumption',
     )
     group.add_argument(
         '-o',
@@ -170,13 +156,7 @@ def add_suggestion(parser: argparse.ArgumentParser) -> None:
 
 
 def check_options(args: argparse.Namespace) -> None:
-    """Refuse options that only go with `--suggest` or `--bode`.
-
-    Raises
-    ------
-    ConfigError
-        With each of them.
-    """
+    """Refuse options that only go with `--suggest` or `--bode`."""
     given = [name for name in OPTIONS if getattr(args, name) is not None]
     stray = [] if args.suggest else [name for name in given if name != 'output' or not args.bode]
     findings = [f'--{name} must come with --suggest, got it alone' for name in stray]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -19,20 +19,9 @@ NODES = ('plant', 'feedforward', 'predictor', 'recorder', 'viewer', 'shaper')
 WHEN_ASKED = ('viewer', 'shaper')  # started only where the file has them
 OF_ROBOTS = ('plant', 'feedforward', 'predictor', 'shaper')
 KEYS = (
-    'robot',
-    'gravity',
-    'reference',
-    'duration',
-    'record',
-    'time',
-    'tip',
-    'joints',
-    'posture',
-    'model',
-    'nodes',
-    'plant',
-    'phases',
-)
+    'robot', 'gravity', 'reference', 'duration', 'record', 'time', 'tip', 'joints', 'posture',
+    'model', 'nodes', 'plant', 'phases',
+)  # fmt: skip
 REFERENCE_KINDS = ('book', 'points', 'sine')
 Parameters = dict[str, Any]
 
@@ -127,11 +116,6 @@ def load_config(path: str | os.PathLike[str], settings: Sequence[str] = ()) -> S
     settings : sequence of str
         `path=value` each: a dotted path of the file, or one of the model (`beam.`, `joint.`,
         `payload.`), which then holds for the plant and the other nodes alike.
-
-    Raises
-    ------
-    ConfigError
-        With every finding.
     """
     file = find_file(Path(path), Path())
     if file is None:
@@ -207,15 +191,29 @@ class _Checker(MappingReader):
             shape = {name: value for name, value in mechanism.items() if name == 'posture'}
             nodes['viewer'] = {**shape, **nodes.get('viewer', {})}
         model = flatten(self.mapping('model', raw.get('model')))
+        gravity = self._take(
+            raw,
+            'gravity',
+            [0.0, 0.0, -9.81],
+            lambda v: are_numbers(v) and len(v) == 3,
+            'three finite numbers [m/s^2]',
+        )
+        duration = self._take(
+            raw,
+            'duration',
+            0.0,
+            lambda v: is_number(v) and v >= 0.0,
+            'a number >= 0 s (0: that of the reference)',
+        )
         return SessionConfig(
             path=self._file,
             robot=self._robot(raw.get('robot')),
-            gravity=self._gravity(raw.get('gravity', [0.0, 0.0, -9.81])),
+            gravity=(float(gravity[0]), float(gravity[1]), float(gravity[2])),
             reference=self._reference(raw.get('reference')),
-            duration=self._duration(raw.get('duration', 0.0)),
-            record=self._boolean('record', raw.get('record', True)),
-            time=self._time(raw.get('time', AUTO)),
-            tip=self._text('tip', raw.get('tip', '')),
+            duration=float(duration),
+            record=self._take(raw, 'record', True, lambda v: isinstance(v, bool), 'true or false'),
+            time=self._take(raw, 'time', AUTO, TIMES.__contains__, f'one of {", ".join(TIMES)}'),
+            tip=self._take(raw, 'tip', '', lambda v: isinstance(v, str), 'a name'),
             joints=tuple(mechanism.get('joints', ())),
             model=self._overrides('model', model),
             nodes=nodes,
@@ -246,32 +244,20 @@ class _Checker(MappingReader):
             )
         return found or Path()
 
-    def _gravity(self, value: Any) -> tuple[float, float, float]:
-        if isinstance(value, list) and len(value) == 3 and all(map(is_number, value)):
-            return float(value[0]), float(value[1]), float(value[2])
-        self.find(f'gravity must be three finite numbers [m/s^2], got {value!r}')
-        return 0.0, 0.0, 0.0
-
-    def _duration(self, value: Any) -> float:
-        if is_number(value) and value >= 0.0:
-            return float(value)
-        self.find(f'duration must be a number >= 0 s (0: that of the reference), got {value!r}')
-        return 0.0
-
-    def _boolean(self, whose: str, value: Any) -> bool:
-        if not isinstance(value, bool):
-            self.find(f'{whose} must be true or false, got {value!r}')
-        return bool(value)
-
-    def _time(self, value: Any) -> str:
-        if value not in TIMES:
-            self.find(f'time must be one of {", ".join(TIMES)}, got {value!r}')
-        return str(value)
-
-    def _text(self, whose: str, value: Any) -> str:
-        if not isinstance(value, str):
-            self.find(f'{whose} must be a name, got {value!r}')
-        return str(value)
+    def _take(
+        self,
+        raw: Mapping[str, Any],
+        name: str,
+        usual: Any,
+        is_good: Callable[[Any], bool],
+        rule: str,
+    ) -> Any:
+        """Return a value of the file, the usual one where it has none or a wrong one."""
+        value = raw.get(name, usual)
+        if is_good(value):
+            return value
+        self.find(f'{name} must be {rule}, got {value!r}')
+        return usual
 
     def _mechanism(self, raw: Mapping[str, Any]) -> Parameters:
         """Return the parameters for the robot's loops, which all nodes share."""

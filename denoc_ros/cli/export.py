@@ -9,7 +9,7 @@ from typing import Any
 from denoc_ros.cli.arguments import (
     add_gravity,
     add_json,
-    add_numbers,
+    add_option,
     add_output,
     add_overrides,
     given_file,
@@ -37,18 +37,18 @@ DESCRIPTION = (
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
-    parser.add_argument(
-        'format', choices=('mjcf', 'sdf'), help='mjcf: an XML file of MuJoCo; sdf: of Gazebo'
+    add_option(
+        parser, 'format', 'mjcf: an XML file of MuJoCo; sdf: of Gazebo', choices=('mjcf', 'sdf')
     )
-    parser.add_argument('robot', help='the URDF file')
+    add_option(parser, 'robot', 'the URDF file')
     add_output(parser, '', 'the file to write, a new file', required=True)
-    add_numbers(parser, ('--segments N', 16, 'hinges per beam and deformation; default: 16'))
+    add_option(parser, '--segments N', 'hinges per beam and deformation; default: 16', 16)
     add_gravity(parser)
     add_overrides(parser)
-    parser.add_argument(
+    add_option(
+        parser,
         '--verify',
-        action='store_true',
-        help="compare natural frequencies and sag with MuJoCo's, joints held; needs mujoco",
+        "compare natural frequencies and sag with MuJoCo's, joints held; needs mujoco",
     )
     add_postures(parser)
     add_json(parser)
@@ -92,7 +92,6 @@ def _verify(robot: Robot, text: str, at: Any) -> list[dict[str, Any]]:
 
 
 def _finer(robot: Robot) -> dict[str, Any]:
-    """Return overrides that divide every undivided beam."""
     divided: dict[str, Any] = {}
     for whole in whole_beams(robot.tree):
         if whole.segments == 1:

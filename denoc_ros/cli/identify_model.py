@@ -14,7 +14,7 @@ from denoc_ros.bags.digest import file_hash
 from denoc_ros.cli.arguments import (
     add_gravity,
     add_json,
-    add_numbers,
+    add_option,
     add_output,
     add_overrides,
     add_pairs,
@@ -70,35 +70,34 @@ LIMITS = {
 
 
 def _add_model(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        'bags',
-        metavar='BAG',
+    add_option(
+        parser,
+        'bags BAG',
+        "recorded runs: bags, tables, folders of them, or 'bags/**/*.mcap'",
         nargs='+',
-        help="recorded runs: bags, tables, folders of them, or 'bags/**/*.mcap'",
     )
-    parser.add_argument('--robot', metavar='URDF', required=True, help='where the search starts')
-    parser.add_argument(
-        '--free',
-        metavar='PATH',
+    add_option(parser, '--robot URDF', 'where the search starts', required=True)
+    add_option(
+        parser,
+        '--free PATH',
+        'what is free: beam.<link>.<y|z>.ei, beam.<link>.torsion.gj, '
+        'beam.<link>.<part>.damping_ratio, '
+        'joint.<joint>.<stiffness|damping|friction|armature>, payload.<link>, '
+        'link.<link>.inertial, sensor.<name>.<gain|offset>, '
+        'effort.<joint>.<gain|offset>, pose.<frame>.offset, delay.effort, '
+        'delay.<sensor>, delay.pose.<frame>; * stands for any name',
         nargs='+',
         action='extend',
         required=True,
-        help='what is free: beam.<link>.<y|z>.ei, beam.<link>.torsion.gj, '
-        'beam.<link>.<part>.damping_ratio, joint.<joint>.<stiffness|damping|friction|armature>, '
-        'payload.<link>, link.<link>.inertial, sensor.<name>.<gain|offset>, '
-        'effort.<joint>.<gain|offset>, pose.<frame>.offset, delay.effort, delay.<sensor>, '
-        'delay.pose.<frame>; * stands for any name',
     )
     add_gravity(parser)
     add_overrides(parser)
-    add_numbers(
+    add_option(parser, '--cutoff HZ', 'above it effort is not compared; default: 20', 20.0)
+    add_option(
         parser,
-        ('--cutoff HZ', 20.0, 'above it effort is not compared; default: 20'),
-        (
-            '--held-out PART',
-            0.25,
-            'last part of each run that a first fit does not see and is judged by; default: 0.25',
-        ),
+        '--held-out PART',
+        'last part of each run that a first fit does not see and is judged by; default: 0.25',
+        0.25,
     )
     _add_outputs(parser)
     _add_recording(parser)
@@ -106,12 +105,8 @@ def _add_model(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_outputs(parser: argparse.ArgumentParser) -> None:
-    """Declare the options of outputs and recordings."""
-    parser.add_argument(
-        '--apply',
-        metavar='URDF',
-        type=Path,
-        help='write the robot with what was found: a new file',
+    add_option(
+        parser, '--apply URDF', 'write the robot with what was found: a new file', type=Path
     )
     add_output(
         parser,
@@ -119,20 +114,17 @@ def _add_outputs(parser: argparse.ArgumentParser) -> None:
         'folder for result.yaml and report.html, or with --each for Parquet files',
     )
     add_json(parser)
-    parser.add_argument(
+    add_option(
+        parser,
         '--each',
-        action='store_true',
-        help='fit each recording on its own: one row each, as of the robots of a fleet; so do '
+        'fit each recording on its own: one row each, as of the robots of a fleet; so do '
         '--workers and --scheduler',
     )
 
 
 def _add_recording(parser: argparse.ArgumentParser) -> None:
-    """Declare the options."""
     group = parser.add_argument_group('the recordings')
-    group.add_argument(
-        '--topic', default='/joint_states', help='joint states of a bag; default: /joint_states'
-    )
+    add_option(group, '--topic', 'joint states of a bag; default: /joint_states', '/joint_states')
     for option, dest, read, text in (
         (
             '--rename OLD=NEW',
@@ -181,7 +173,6 @@ def recording_settings(args: argparse.Namespace) -> RecordingSettings:
 
 
 def _two_numbers(text: str) -> tuple[float, float]:
-    """Return the two numbers of a text, ValueError for any other."""
     first, second = text.split(',')
     return float(first), float(second)
 
@@ -204,7 +195,6 @@ def model_options(args: argparse.Namespace) -> ModelOptions:
 
 
 def _model(args: argparse.Namespace) -> VerbResult:
-    """Identify; exit status 0 good, 2 doubtful, 3 not identifiable."""
     if args.apply is not None and args.apply.exists():
         raise BagError(f'{args.apply}: --apply must be a new file, got an existing one')
     paths, workers = recordings(args.bags), worker_config(args)
@@ -282,14 +272,14 @@ def _shown(paths: Sequence[str]) -> Callable[[Row], Row]:
 
 
 def _add_excite(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument('robot', metavar='ROBOT', help='the URDF file')
-    parser.add_argument(
-        '--free',
-        metavar='PATH',
+    add_option(parser, 'robot ROBOT', 'the URDF file')
+    add_option(
+        parser,
+        '--free PATH',
+        'what is to be identified, as of `denoc identify model`',
         nargs='+',
         action='extend',
         required=True,
-        help='what is to be identified, as of `denoc identify model`',
     )
     add_output(
         parser,
@@ -297,13 +287,13 @@ def _add_excite(parser: argparse.ArgumentParser) -> None:
         'the motion: a .yaml reference that `denoc up` and `denoc simulate` read',
         required=True,
     )
-    parser.add_argument(
-        '--trajectory',
-        metavar='FILE',
+    add_option(
+        parser,
+        '--trajectory FILE',
+        'also write it as the YAML of a trajectory_msgs/JointTrajectory',
         type=Path,
-        help='also write it as the YAML of a trajectory_msgs/JointTrajectory',
     )
-    parser.add_argument('--page', metavar='FILE', type=Path, help='also write an HTML page')
+    add_option(parser, '--page FILE', 'also write an HTML page', type=Path)
     add_json(parser)
     _add_motion(parser)
     _add_limits(parser)
@@ -349,7 +339,6 @@ def _add_limits(parser: argparse.ArgumentParser) -> None:
 
 
 def _excite(args: argparse.Namespace) -> VerbResult:
-    """Plan the motion; exit status 0 good, 2 doubtful, 3 not identifiable."""
     options = _excite_options(args)
     file = given_file(args.robot, 'robot')
     robot = overridden(load_robot(file, gravity=tuple(args.gravity)), args)
@@ -364,11 +353,7 @@ def _excite(args: argparse.Namespace) -> VerbResult:
     write_points(args.output, _head(found), found.joints, rows.t, motion)
     if args.trajectory is not None:
         write_joint_trajectory(args.trajectory, found.joints, rows.t, motion)
-    document = {
-        'output': str(args.output),
-        'robot': named_file(file),
-        **excitation_result(found),
-    }
+    document = {'output': str(args.output), 'robot': named_file(file), **excitation_result(found)}
     if args.page is not None:
         page = excitation_page(found, document, robot.tree, args.command)
         write_text(args.page, page.html())
@@ -376,7 +361,6 @@ def _excite(args: argparse.Namespace) -> VerbResult:
 
 
 def _excite_options(args: argparse.Namespace) -> dict[str, Any]:
-    """Arguments of design_excitation beside robot and numbers."""
     findings: list[str] = []
     if args.output.suffix not in ('.yaml', '.yml'):
         findings.append(f'--output must end in .yaml, got {args.output.name!r}')

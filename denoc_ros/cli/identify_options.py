@@ -11,7 +11,7 @@ from pathlib import Path
 from denoc_ros.cli.arguments import (
     add_gravity,
     add_json,
-    add_numbers,
+    add_option,
     add_output,
     add_pairs,
     add_window,
@@ -47,19 +47,7 @@ def written_result(
     page: Callable[[Document], ReportPage],
     notes: Sequence[str] = (),
 ) -> VerbResult:
-    """Return the result of an action; write it and its page to a folder if one is named.
-
-    Parameters
-    ----------
-    output : Path or None
-        The folder.
-    document : dict
-        The result, of plain values; the versions are added.
-    text, page : callable
-        Of the result, for a terminal and for the folder.
-    notes : sequence of str
-        As of `VerbResult`.
-    """
+    """Return the result of an action; write it and its page to a folder if one is named."""
     document = {**document, 'versions': versions()}
     if output:
         if (output / RESULT_FILE).exists():
@@ -72,9 +60,9 @@ def written_result(
 def add_recording_options(parser: argparse.ArgumentParser, several: bool = False) -> None:
     """Declare which recording is identified, or which several, and where the result goes."""
     if several:
-        parser.add_argument('path', metavar='BAG', type=Path, nargs='+', help='bags or tables')
+        add_option(parser, 'path BAG', 'bags or tables', type=Path, nargs='+')
     else:
-        parser.add_argument('path', metavar='BAG', type=Path, help='a bag or a table')
+        add_option(parser, 'path BAG', 'a bag or a table', type=Path)
     add_output(parser, 'FOLDER', 'folder for result.yaml and report.html')
     add_json(parser)
 
@@ -82,44 +70,38 @@ def add_recording_options(parser: argparse.ArgumentParser, several: bool = False
 def add_channel_options(parser: argparse.ArgumentParser) -> None:
     """Declare the options that select a signal of a file."""
     group = parser.add_argument_group('the signal')
-    group.add_argument(
-        '--topic', default='', help='topic of a bag, such as /predictor/tip_deflection'
-    )
-    group.add_argument(
-        '--field',
-        default='',
-        help='name in a JointState (arm/uy), label of an array, dotted path in another message '
-        '(wrench.force.x), or column of a table',
-    )
-    group.add_argument(
-        '--quantity',
-        choices=('position', 'velocity', 'effort'),
-        default='position',
-        help='quantity of a JointState; default: position',
-    )
-    add_numbers(
+    add_option(group, '--topic', 'topic of a bag, such as /predictor/tip_deflection', '')
+    add_option(
         group,
-        ('--gain', 1.0, 'value = gain * raw + offset'),
-        ('--offset', 0.0, 'offset in value = gain * raw + offset, in the unit of the value'),
+        '--field',
+        'name in a JointState (arm/uy), label of an array, dotted path in another '
+        'message (wrench.force.x), or column of a table',
+        '',
     )
-    group.add_argument('--unit', default='', help='unit of the value')
+    add_option(
+        group,
+        '--quantity',
+        'quantity of a JointState; default: position',
+        'position',
+        choices=('position', 'velocity', 'effort'),
+    )
+    add_option(group, '--gain', 'value = gain * raw + offset', 1.0)
+    add_option(
+        group, '--offset', 'offset in value = gain * raw + offset, in the unit of the value', 0.0
+    )
+    add_option(group, '--unit', 'unit of the value', '')
     add_window(group, 'sample')
 
 
 def add_verdict_options(parser: argparse.ArgumentParser) -> None:
     """Declare the options that select the modes of the verdict."""
     group = parser.add_argument_group('the verdict (default: that of the strongest mode)')
-    group.add_argument(
-        '--band',
-        metavar='LO:HI',
-        default='',
-        help='exit status by all modes between two frequencies [Hz]',
-    )
-    group.add_argument(
-        '--modes',
-        metavar='K',
+    add_option(group, '--band LO:HI', 'exit status by all modes between two frequencies [Hz]', '')
+    add_option(
+        group,
+        '--modes K',
+        'exit status by the K strongest modes, in the band if one is given',
         type=int,
-        help='exit status by the K strongest modes, in the band if one is given',
     )
 
 
@@ -157,18 +139,19 @@ def add_robot_options(parser: argparse.ArgumentParser, robot: bool = True) -> No
     """Declare the options that say of which robot, where its joints stood, and whether held."""
     group = parser.add_argument_group('the robot')
     if robot:
-        group.add_argument(
-            '--robot',
-            metavar='URDF',
-            default='',
-            help='robot for the damping coefficients; default: the one in the bag',
+        add_option(
+            group,
+            '--robot URDF',
+            'robot for the damping coefficients; default: the one in the bag',
+            '',
         )
     text = "position of a joint [rad, m]; default: the bag's /joint_states, else 0"
     add_pairs(group, '--at JOINT=VALUE', text, float)
-    group.add_argument(
+    add_option(
+        group,
         '--joints',
+        'whether the joints were held during the decay; default: held',
+        'held',
         choices=('held', 'free'),
-        default='held',
-        help='whether the joints were held during the decay; default: held',
     )
     add_gravity(group)

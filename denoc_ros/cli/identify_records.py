@@ -8,7 +8,7 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
-from denoc_ros.cli.arguments import add_json, add_numbers, add_output, given_file
+from denoc_ros.cli.arguments import add_json, add_option, add_output, given_file
 from denoc_ros.cli.batch import WorkerConfig, add_worker_options, worker_config
 from denoc_ros.cli.identify_options import (
     Action,
@@ -48,7 +48,7 @@ from denoc_ros.reports.text_table import Row, text_table
 
 
 def _add_signal(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument('path', metavar='BAG', type=Path, help='a bag or a table')
+    add_option(parser, 'path BAG', 'a bag or a table', type=Path)
     add_channel_options(parser)
     add_json(parser)
 
@@ -89,9 +89,7 @@ def _segment(args: argparse.Namespace) -> VerbResult:
 
 
 def _add_modal(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        'paths', metavar='BAG', nargs='+', help="bags, tables, folders, or 'bags/**/*.mcap'"
-    )
+    add_option(parser, 'paths BAG', "bags, tables, folders, or 'bags/**/*.mcap'", nargs='+')
     add_output(
         parser,
         'FOLDER',
@@ -178,28 +176,21 @@ def _add_joint(parser: argparse.ArgumentParser) -> None:
     add_recording_options(parser)
     add_channel_options(parser)
     group = parser.add_argument_group('the joint')
-    add_numbers(
+    add_option(
+        group, '--inertia KG_M2', 'inertia about the joint, with motor and gears', type=float
+    )
+    add_option(
         group,
-        ('--inertia KG_M2', None, 'inertia about the joint, with motor and gears'),
-        (
-            '--gravity-torque N_M',
-            None,
-            'largest gravity torque, m g l: with it the frequency gives the inertia',
-        ),
+        '--gravity-torque N_M',
+        'largest gravity torque, m g l: with it the frequency gives the inertia',
+        type=float,
     )
-    group.add_argument(
-        '--spring',
-        action='store_true',
-        help='the restoring torque is a linear spring, not gravity',
-    )
-    group.add_argument(
-        '--mass-per-length', metavar='KG/M', type=float, help="for the book's coefficient"
-    )
-    group.add_argument('--length', metavar='M', type=float, help="for the book's coefficient")
+    add_option(group, '--spring', 'the restoring torque is a linear spring, not gravity')
+    add_option(group, '--mass-per-length KG/M', "for the book's coefficient", type=float)
+    add_option(group, '--length M', "for the book's coefficient", type=float)
 
 
 def _joint(args: argparse.Namespace) -> VerbResult:
-    """Identify; exit status 0 good, 2 doubtful, 3 not identifiable."""
     inertia, torque = args.inertia, args.gravity_torque
     rod = (args.mass_per_length, args.length)
     names = ('--inertia', '--gravity-torque', '--mass-per-length', '--length')
@@ -225,27 +216,26 @@ def _joint(args: argparse.Namespace) -> VerbResult:
 def _add_forced(parser: argparse.ArgumentParser) -> None:
     add_recording_options(parser)
     group = parser.add_argument_group('the input')
-    group.add_argument(
-        '--force-topic', default='', help='topic of the input; default: that of the response'
-    )
-    group.add_argument(
+    add_option(group, '--force-topic', 'topic of the input; default: that of the response', '')
+    add_option(
+        group,
         '--force-field',
+        'field of the input, as --field; repeat it for inputs that act together',
         required=True,
         action='append',
-        help='field of the input, as --field; repeat it for inputs that act together',
     )
-    group.add_argument(
+    add_option(
+        group,
         '--force-quantity',
+        'quantity of a JointState; default: effort',
+        'effort',
         choices=('position', 'velocity', 'effort'),
-        default='effort',
-        help='quantity of a JointState; default: effort',
     )
     add_channel_options(parser)
     add_verdict_options(parser)
 
 
 def _forced(args: argparse.Namespace) -> VerbResult:
-    """Identify; exit status 0 good, 2 doubtful, 3 not identifiable."""
     channel, (band, count) = channel_of(args), asked_of(args)
     force = replace(
         channel,

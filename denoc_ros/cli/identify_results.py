@@ -9,7 +9,7 @@ from pathlib import Path
 
 import yaml
 
-from denoc_ros.cli.arguments import add_json, add_output, given_file
+from denoc_ros.cli.arguments import add_json, add_option, add_output, given_file
 from denoc_ros.cli.identify_options import Action, add_robot_options
 from denoc_ros.cli.verb_result import VerbResult
 from denoc_ros.cli.verbs import DOUBTFUL
@@ -23,9 +23,7 @@ from denoc_ros.reports.text_table import text_table
 
 
 def _add_results(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        'results', metavar='RESULT', nargs='+', type=Path, help='a result.yaml, or its folder'
-    )
+    add_option(parser, 'results RESULT', 'a result.yaml, or its folder', nargs='+', type=Path)
     add_json(parser)
 
 
@@ -33,18 +31,17 @@ def _add_written(parser: argparse.ArgumentParser, form: str, file: str) -> None:
     """Declare the options of files that are written from results."""
     _add_results(parser)
     add_output(parser, form, f'{file}, must not exist', required=True)
-    parser.add_argument('--doubtful', action='store_true', help='use doubtful modes too')
+    add_option(parser, '--doubtful', 'use doubtful modes too')
 
 
 def _add_apply(parser: argparse.ArgumentParser) -> None:
     _add_written(parser, 'URDF', 'URDF file to write')
-    parser.add_argument('--robot', metavar='URDF', required=True, help='URDF file of the robot')
-    parser.add_argument('--joint', default='', help='joint to which the friction belongs')
+    add_option(parser, '--robot URDF', 'URDF file of the robot', required=True)
+    add_option(parser, '--joint', 'joint to which the friction belongs', '')
     add_robot_options(parser, robot=False)
 
 
 def _apply(args: argparse.Namespace) -> VerbResult:
-    """Write the changed description; errors are raised."""
     require_new(args.output)
     results = [read_result(path) for path in args.results]
     robot = load_robot(given_file(args.robot, 'robot'), gravity=tuple(args.gravity))

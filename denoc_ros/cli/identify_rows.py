@@ -74,18 +74,8 @@ def identify_all(
 
     Parameters
     ----------
-    kind : RowKind
-        Of rows.
-    options : DecayOptions or ModelOptions
-        What is identified.
     paths : sequence of Path
         The recordings; the workers must see them under the same paths.
-    workers : WorkerConfig
-        Who works.
-    output : Path or None
-        Folder of the rows that are there already, and for the new ones.
-    progress : bool
-        Whether there is a progress bar, on a terminal.
     """
     asked = hashlib.sha256(f'{options!r}{kind.depends}'.encode()).hexdigest()[:12]
     store = RowStore(output, kind.columns) if output else None

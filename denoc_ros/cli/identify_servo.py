@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 
 from denoc_ros.cli.arguments import (
+    add_option,
     add_pairs,
     add_window,
     require,
@@ -21,20 +22,19 @@ from denoc_ros.reports.identify_signals import servo_page, servo_text
 def _add_servo(parser: argparse.ArgumentParser) -> None:
     add_recording_options(parser, several=True)
     group = parser.add_argument_group('the signals')
-    group.add_argument(
-        '--command',
+    add_option(
+        group,
+        '--command TOPIC',
+        'topic of the commands: JointTrajectory, whole or streamed, or JointState; '
+        'default: /reference',
+        '/reference',
         dest='commanded',
-        metavar='TOPIC',
-        default='/reference',
-        help=(
-            'topic of the commands: JointTrajectory, whole or streamed, or JointState; '
-            'default: /reference'
-        ),
     )
-    group.add_argument(
+    add_option(
+        group,
         '--topic',
-        default='/joint_states',
-        help='topic of the measured JointState; default: /joint_states',
+        'topic of the measured JointState; default: /joint_states',
+        '/joint_states',
     )
     add_pairs(
         group,
@@ -42,26 +42,22 @@ def _add_servo(parser: argparse.ArgumentParser) -> None:
         'column of a table with what a joint is told (FIELD command) or its position; '
         'default: columns such as elbow/command and elbow/position',
     )
-    group.add_argument(
-        '--joint',
+    add_option(
+        group,
+        '--joint NAME',
+        'joint to identify; repeatable; default: all commanded joints',
         action='append',
-        metavar='NAME',
-        help='joint to identify; repeatable; default: all commanded joints',
     )
     add_window(group, 'measurement')
 
 
 def _servo(args: argparse.Namespace) -> VerbResult:
-    """Identify; exit status 0 good, 2 doubtful, 3 not identifiable."""
     require(window_findings(args))
     channel = settings_of(Channel, args)
     options = ServoOptions(channel, args.commanded, args.column, args.joint or ())
     document, found = identify_servos(args.path, options)
     return written_result(
-        args.output,
-        document,
-        servo_text,
-        lambda result: servo_page(result, found, args.command),
+        args.output, document, servo_text, lambda result: servo_page(result, found, args.command)
     )
 
 

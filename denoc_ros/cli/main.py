@@ -65,11 +65,6 @@ class Version(argparse.Action):
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one verb of the command line.
 
-    Parameters
-    ----------
-    argv : sequence of str, optional
-        The arguments after `denoc`; default those of the process.
-
     Returns
     -------
     int

@@ -38,15 +38,8 @@ def read_motion(
         `denoc up` that has one, or a trajectory_msgs/JointTrajectory as `ros2 topic echo` shows
         it. `joints` says whose the numbers of a configuration are, `posture` where the others
         are.
-    file : Path
-        Named in errors.
     joints : sequence of str
         The robot's joints, in their order; what the file does not name stays at 0.
-
-    Raises
-    ------
-    ConfigError
-        With every finding.
     """
     named = list(joints)
     if 'kind' not in values and isinstance(values.get('joints'), list) and values['joints']:
@@ -69,7 +62,6 @@ def read_motion(
 
 
 def _reference(values: Mapping[str, Any], file: Path) -> dict[str, Any]:
-    """Return the mapping of a reference that a file is, has, or names."""
     reference: Any = values if 'kind' in values else values.get('reference')
     if reference is None and isinstance(values.get('torque'), dict):
         reference = values['torque'].get('reference')
@@ -100,7 +92,6 @@ def _table(trajectory: Trajectory, reference: Mapping[str, Any]) -> tuple[Array,
 def _joint_trajectory(
     values: Mapping[str, Any], joints: Sequence[str], where: str
 ) -> tuple[Array, Array]:
-    """Return times and positions of a trajectory_msgs/JointTrajectory."""
     names, given = values['joint_names'], values.get('points')
     points = given if isinstance(given, list) else []
     findings = []
@@ -128,7 +119,6 @@ def _joint_trajectory(
 
 
 def _require_rest(velocities: Sequence[Sequence[float]] | None, where: str) -> None:
-    """Raise ConfigError where the first or last point of a motion moves."""
     if velocities is None:
         return
     largest = float(np.abs(np.concatenate((velocities[0], velocities[-1]))).max(initial=0.0))
@@ -142,8 +132,6 @@ def write_plan(plan: Plan, file: Path, interval: float) -> None:
 
     Parameters
     ----------
-    plan : Plan
-    file : Path
     interval : float
         Between rows [s], at most; quintics between them.
     """
@@ -173,20 +161,12 @@ def _write_reference(
 
 
 def write_points(
-    file: Path,
-    head: str,
-    joints: Sequence[str],
-    times: Array,
-    motion: tuple[Array, Array, Array],
+    file: Path, head: str, joints: Sequence[str], times: Array, motion: tuple[Array, Array, Array]
 ) -> None:
     """Write a motion as a YAML reference of kind points.
 
     Parameters
     ----------
-    file : Path
-    head : str
-        Comment lines above it.
-    joints : sequence of str
     times : (k,) array
         From 0 on [s].
     motion : three (k, joints) arrays

@@ -30,24 +30,7 @@ def node_table(name: str) -> ParameterTable:
 
 
 def node_parameters(config: SessionConfig, name: str, phase: Phase, folder: Path) -> Parameters:
-    """Return a node's parameters in a phase, each as the type its table says.
-
-    Parameters
-    ----------
-    config : SessionConfig
-        The session.
-    name : str
-        The node.
-    phase : Phase
-        What it changes goes over what holds for all phases.
-    folder : Path
-        The run's directory; the recorder writes `bag` in it.
-
-    Raises
-    ------
-    ConfigError
-        With every parameter that the node refuses.
-    """
+    """Return a node's parameters in a phase, each as the type its table says."""
     table = node_table(name)
     given: Parameters = {}
     if table.row('gravity') is not None:
@@ -96,8 +79,6 @@ def changed_parameters(name: str, now: Parameters, wanted: Parameters) -> Parame
 
     Parameters
     ----------
-    name : str
-        The node.
     now, wanted : mapping
         What it was given, what it shall have; a parameter that is not there has its default.
 

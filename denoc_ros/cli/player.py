@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 
+from denoc_ros.cli.arguments import add_option
 from denoc_ros.runtime.ending import SIGNALS
 
 
@@ -39,12 +40,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument('bag', type=Path)
     parser.add_argument('--topic', default='/joint_states')
     parser.add_argument('--speed', type=speed, default=1.0, help='> 0; 1 for real time')
-    parser.add_argument('--listeners', nargs='*', default=[], help='nodes to wait for')
-    parser.add_argument(
+    add_option(parser, '--listeners', 'nodes to wait for', [], nargs='*')
+    add_option(
+        parser,
         '--clock',
-        action='store_true',
-        help='play all topics that nobody publishes, and /clock by the recorded stamps; '
-        'each step waits for the listeners',
+        'play all topics that nobody publishes, and /clock by the recorded stamps; each '
+        'step waits for the listeners',
     )
     options = parser.parse_args(player.own_arguments(given))
     return player.run(

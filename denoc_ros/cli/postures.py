@@ -8,6 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from denoc_ros.cli.arguments import add_option
 from denoc_ros.dynamics.equilibrium import Equilibrium
 from denoc_ros.dynamics.natural_modes import independent_joints
 from denoc_ros.dynamics.robot import Robot
@@ -17,16 +18,14 @@ from denoc_ros.reports.robot import Posture
 
 def add_postures(parser: argparse.ArgumentParser) -> None:
     """Declare `--at`."""
-    parser.add_argument(
-        '--at',
+    add_option(
+        parser,
+        '--at Q',
+        'compute natural frequencies, or --bode, at these joint positions [rad, m], in '
+        'the order of the table of joints, or at JOINT=VALUE with the others at zero; '
+        'repeatable; default zero',
         action='append',
         nargs='+',
-        metavar='Q',
-        help=(
-            'compute natural frequencies, or --bode, at these joint positions [rad, m], in the'
-            ' order of the table of joints, or at JOINT=VALUE with the others at zero;'
-            ' repeatable; default zero'
-        ),
     )
 
 

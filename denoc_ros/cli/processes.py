@@ -174,13 +174,7 @@ def _stat(folder: Path) -> list[str]:
 
 
 def free_domain() -> int:
-    """Return a ROS domain that no process on this machine uses.
-
-    Raises
-    ------
-    ProcessError
-        When all are taken.
-    """
+    """Return a ROS domain that no process on this machine uses."""
     start = os.getpid() % len(DOMAINS)
     for domain in (*DOMAINS[start:], *DOMAINS[:start]):
         # the port where the first participant of a domain listens (RTPS 2.2, 9.6.1)

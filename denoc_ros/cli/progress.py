@@ -12,13 +12,7 @@ from tqdm import tqdm
 
 
 def share_bar(quiet: bool) -> Any:
-    """Return a bar for shares of some work that add up to 1: a context with `update`.
-
-    Parameters
-    ----------
-    quiet : bool
-        Whether there is none on a terminal either.
-    """
+    """Return a bar for shares of some work that add up to 1: a context with `update`."""
     return tqdm(
         total=1.0,
         disable=True if quiet else None,

@@ -9,6 +9,7 @@ from typing import Any
 from tqdm import tqdm
 
 from denoc_ros.bags.recover import recover
+from denoc_ros.cli.arguments import add_option
 from denoc_ros.cli.verb_result import VerbResult
 from denoc_ros.cli.verbs import DOUBTFUL
 
@@ -20,14 +21,14 @@ DESCRIPTION = (
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
-    parser.add_argument('bag', type=Path, help='a .mcap file or a folder of them')
+    add_option(parser, 'bag', 'a .mcap file or a folder of them', type=Path)
     parser.add_argument(
         '-o',
         '--output',
         type=Path,
         help='new bag folder, or new .mcap for a single file (default: BAG_recovered)',
     )
-    parser.add_argument('--json', action='store_true', help='print JSON for machines')
+    add_option(parser, '--json', 'print JSON for machines')
 
 
 def run(args: argparse.Namespace) -> VerbResult:

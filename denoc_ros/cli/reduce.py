@@ -11,7 +11,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from denoc_ros.cli.arguments import add_json, add_output, add_pairs, given_file, require
+from denoc_ros.cli.arguments import (
+    add_json,
+    add_option,
+    add_output,
+    add_pairs,
+    given_file,
+    require,
+)
 from denoc_ros.cli.verb_result import VerbResult
 from denoc_ros.cli.verbs import DOUBTFUL
 from denoc_ros.errors import ConfigError, ModelError
@@ -29,14 +36,14 @@ EXTRA = ('pytetwild', 'skfem', 'pymetis', 'meshio')  # packages that only this v
 DESCRIPTION = (
     'Make a flexible link of a closed surface mesh (STL, OBJ, PLY, OFF, COLLADA), a volume mesh '
     '(.msh, .inp, .bdf, .mesh), the link of a URDF (its <beam>, else its mesh), or mass and '
-    'stiffness matrices of another program (.mtx, .npz, .op4, .sti, .full). The file is for '
+    'stiffness matrices of another program (.mtx, .npz, .op4, .op2, .sti, .full). The file is for '
     '<flexible link= file=>.'
 )
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
-    parser.add_argument('source', help='the mesh, the URDF, or the stiffness matrix')
+    add_option(parser, 'source', 'the mesh, the URDF, or the stiffness matrix')
     add_output(
         parser,
         '',
@@ -44,49 +51,46 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         'beside it',
         required=True,
     )
-    parser.add_argument('--link', metavar='NAME', help='link of the URDF')
-    parser.add_argument(
-        '--page', type=Path, metavar='FILE', help='also write an HTML page on the reduction'
-    )
+    add_option(parser, '--link NAME', 'link of the URDF')
+    add_option(parser, '--page FILE', 'also write an HTML page on the reduction', type=Path)
     add_json(parser)
     _add_frames(parser)
     _add_material(parser)
     _add_mesh(parser)
     _add_matrices(parser)
     group = parser.add_argument_group('modes')
-    group.add_argument('--modes', type=int, default=6, metavar='N', help='modes; default: 6')
-    group.add_argument(
-        '--damping', type=float, metavar='RATIO', help='damping ratio of each; default: 0.005'
-    )
+    add_option(group, '--modes N', 'modes; default: 6', 6)
+    add_option(group, '--damping RATIO', 'damping ratio of each; default: 0.005', type=float)
     text = 'a mass at a frame that the modes are those of'
     add_pairs(group, '--tip-mass NAME=KG', text, float)
     text = 'a strain gauge: place on the surface [m] and direction'
     add_pairs(group, '--gauge NAME=X,Y,Z,DX,DY,DZ', text, _numbers(6))
-    group.add_argument(
-        '--quadratic', choices=('derivatives', 'line', 'none'), default='derivatives',
-        help='second-order displacement: modal derivatives (default; matrices have none), '
+    add_option(
+        group,
+        '--quadratic',
+        'second-order displacement: modal derivatives (default; matrices have none), '
         'foreshortening of the line from root to tip, or none',
-    )  # fmt: skip
+        'derivatives',
+        choices=('derivatives', 'line', 'none'),
+    )
 
 
 def _add_frames(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group('frames, in the link frame, which is the clamped root')
-    group.add_argument(
-        '--frames', metavar='URDF:LINK', help="frames of the link's joints, and its mass"
-    )
+    add_option(group, '--frames URDF:LINK', "frames of the link's joints, and its mass")
     add_pairs(group, '--frame NAME=X,Y,Z', 'another frame at a place [m]', _numbers(3))
-    group.add_argument(
-        '--radius', action='append', default=[], metavar='[NAME=]R',
-        help="radius of the rigid patch of a frame, root for the link frame's, or of all [m]; "
+    add_option(
+        group,
+        '--radius [NAME=]R',
+        "radius of the rigid patch of a frame, root for the link frame's, or of all [m]; "
         'default: the plane face that the frame is on, else as far as the surface',
-    )  # fmt: skip
+        [],
+    )
 
 
 def _add_material(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group('material of a mesh')
-    group.add_argument(
-        '--material', metavar='NAME', help='aluminium, steel, titanium, magnesium, cfrp or gfrp'
-    )
+    add_option(group, '--material NAME', 'aluminium, steel, titanium, magnesium, cfrp or gfrp')
     for name, unit, text in (
         ('young', 'PA', "Young's modulus"),
         ('poisson', 'NU', "Poisson's ratio"),
@@ -95,36 +99,33 @@ def _add_material(parser: argparse.ArgumentParser) -> None:
         group.add_argument(
             f'--{name}', type=float, metavar=unit, help=f"{text} in place of the material's"
         )
-    group.add_argument(
-        '--mass', choices=('keep', 'scale'), default='keep',
-        help="keep the density (default), or scale it to the URDF's mass of the link",
-    )  # fmt: skip
+    add_option(
+        group,
+        '--mass',
+        "keep the density (default), or scale it to the URDF's mass of the link",
+        'keep',
+        choices=('keep', 'scale'),
+    )
 
 
 def _add_mesh(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group('mesh')
-    group.add_argument(
-        '--units', choices=UNIT_NAMES, help='units of the mesh; a URDF says its own'
+    add_option(group, '--units', 'units of the mesh; a URDF says its own', choices=UNIT_NAMES)
+    add_option(group, '--scale S', 'metres per unit of the mesh', type=float)
+    add_option(
+        group,
+        '--edge L',
+        "length of the tetrahedra's edges [m]; default: by the thickness of the wall",
+        type=float,
     )
-    group.add_argument('--scale', type=float, metavar='S', help='metres per unit of the mesh')
-    group.add_argument(
-        '--edge', type=float, metavar='L',
-        help="length of the tetrahedra's edges [m]; default: by the thickness of the wall",
-    )  # fmt: skip
-    group.add_argument(
-        '--close', action='store_true', help='take a surface with holes: the mesher fills them'
-    )
-    group.add_argument(
-        '--no-coarser', action='store_true', help='leave out the comparison with a coarser mesh'
-    )
+    add_option(group, '--close', 'take a surface with holes: the mesher fills them')
+    add_option(group, '--no-coarser', 'leave out the comparison with a coarser mesh')
 
 
 def _add_matrices(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group("another program's matrices, in SI unless --scale says else")
-    group.add_argument('--mass-matrix', metavar='FILE', help='mass matrix; default: of the source')
-    group.add_argument(
-        '--nodes', metavar='FILE', help='nodes: a table of number, x, y, z, or an input file'
-    )
+    add_option(group, '--mass-matrix FILE', 'mass matrix; default: of the source')
+    add_option(group, '--nodes FILE', 'nodes: a table of number, x, y, z, or an input file')
 
 
 def run(args: argparse.Namespace) -> VerbResult:
@@ -140,7 +141,6 @@ def run(args: argparse.Namespace) -> VerbResult:
 
 
 def _check_extra() -> None:
-    """Raise ConfigError where the packages of the extra `reduce` are not installed."""
     for name in EXTRA:
         if importlib.util.find_spec(name) is None:
             rule = "must be installed: pip install 'denoc_ros[reduce]'"
@@ -148,7 +148,6 @@ def _check_extra() -> None:
 
 
 def _described(args: argparse.Namespace, source: Path) -> LinkDescription | None:
-    """Return the link of the URDF that the arguments name, None without one."""
     from denoc_ros.reduction.description import describe_link
 
     if source.suffix == '.urdf':
@@ -164,8 +163,6 @@ def _described(args: argparse.Namespace, source: Path) -> LinkDescription | None
 
 
 def _numbers(count: int) -> Any:
-    """Return a reader of a number of finite numbers from a text."""
-
     def read(text: str) -> Array:
         values = np.array([float(part) for part in text.split(',')])
         if len(values) != count or not np.isfinite(values).all():
@@ -391,7 +388,6 @@ def _finish(
 
 
 def _lines(row: dict[str, Any]) -> Iterator[str]:
-    """Yield the numbers of a link for a terminal."""
     said = f'{row["mass_kg"]:.4g} kg'
     if row['urdf_mass_kg'] is not None:
         said += f' (URDF: {row["urdf_mass_kg"]:.4g} kg)'

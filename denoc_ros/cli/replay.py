@@ -15,11 +15,10 @@ from denoc_ros.bags.tables import is_table
 from denoc_ros.cli.arguments import (
     add_gravity,
     add_json,
-    add_numbers,
+    add_option,
     add_output,
     add_overrides,
     add_pairs,
-    add_repeated,
     add_setting,
     add_stamp,
     add_times,
@@ -57,19 +56,16 @@ DESCRIPTION = (
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
-    parser.add_argument(
-        'bag',
-        metavar='BAG',
+    add_option(
+        parser,
+        'bag BAG',
+        'a bag, the directory of a run, or a table of numbers with columns such as elbow/position',
         type=Path,
-        help='a bag, the directory of a run, or a table of numbers with columns such as '
-        'elbow/position',
     )
-    parser.add_argument(
-        '--robot',
-        help=(
-            'the URDF file, in this folder or in the installed package; default: the one in '
-            'the bag'
-        ),
+    add_option(
+        parser,
+        '--robot ROBOT',
+        'the URDF file, in this folder or in the installed package; default: the one in the bag',
     )
     add_output(
         parser,
@@ -77,14 +73,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         'the new bag, a folder or a .mcap file (default: BAG_replay here, or replay in the '
         "run's directory)",
     )
-    parser.add_argument(
-        '--no-output', action='store_true', help='write only table and page, no bag'
-    )
-    parser.add_argument(
-        '--report',
-        type=Path,
-        metavar='FILE',
-        help=("file of the page (default: the new bag's name .html)"),
+    add_option(parser, '--no-output', 'write only table and page, no bag')
+    add_option(
+        parser, '--report FILE', "file of the page (default: the new bag's name .html)", type=Path
     )
     _add_table(parser)
     _add_ways(parser)
@@ -102,53 +93,47 @@ def _add_table(parser: argparse.ArgumentParser) -> None:
 
 def _add_ways(parser: argparse.ArgumentParser) -> None:
     add_gravity(parser, None, "the run's, else 0 0 -9.81")
-    parser.add_argument('--topic', default='', help='topic of the joint states (default: found)')
-    add_repeated(
+    add_option(parser, '--topic', 'topic of the joint states (default: found)', '')
+    add_option(
         parser,
-        (
-            '--joint NAME',
-            'a driven joint; in a mechanism the driven joints determine the motion (default: '
-            'all); repeatable',
-        ),
+        '--joint NAME',
+        'a driven joint; in a mechanism the driven joints determine the motion (default: '
+        'all); repeatable',
+        [],
     )
-    parser.add_argument(
-        '--effort', default='', metavar='TOPIC', help='take the measured effort from this topic'
-    )
-    parser.add_argument(
-        '--base',
-        default='',
-        metavar='TOPIC',
-        help=(
-            'nav_msgs/Odometry with the motion of the base (default: base_motion, where the base '
-            'of the robot floats)'
-        ),
+    add_option(parser, '--effort TOPIC', 'take the measured effort from this topic', '')
+    add_option(
+        parser,
+        '--base TOPIC',
+        'nav_msgs/Odometry with the motion of the base (default: base_motion, where the '
+        'base of the robot floats)',
+        '',
     )
     text = 'beginning of joint names in the bag, and its replacement in the robot'
     add_pairs(parser, '--rename OLD=NEW', text)
-    parser.add_argument(
+    add_option(
+        parser,
         '--derivative',
+        'method for velocities and accelerations: local polynomials, or a Kalman smoother',
+        'filter',
         choices=('filter', 'kalman'),
-        default='filter',
-        help='method for velocities and accelerations: local polynomials, or a Kalman smoother',
     )
-    add_numbers(parser, ('--cutoff HZ', 20.0, 'bandwidth of this method, default 20'))
+    add_option(parser, '--cutoff HZ', 'bandwidth of this method, default 20', 20.0)
     add_stamp(parser)
-    parser.add_argument(
+    add_option(
+        parser,
         '--fit-friction',
-        action='store_true',
-        help='fit viscous and Coulomb friction and an offset per joint to the measured effort',
+        'fit viscous and Coulomb friction and an offset per joint to the measured effort',
     )
 
 
 def _add_adaptation(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group('tracked numbers, as `adapt` of the predictor')
-    add_repeated(
+    add_option(
         group,
-        (
-            '--adapt PATH',
-            'number of the model that is tracked over time: payload.tool.mass, beam.*.ei; '
-            'repeatable',
-        ),
+        '--adapt PATH',
+        'number of the model that is tracked over time: payload.tool.mass, beam.*.ei; repeatable',
+        [],
     )
     text = 'its bounds (default: half to one and a half of its value)'
     add_pairs(group, '--adapt-bounds PATH=LOW:HIGH', text, number_range)
@@ -174,7 +159,8 @@ def run(args: argparse.Namespace) -> VerbResult:
         **summarize(replay),
         'bag': str(bag),
     }
-    sources = {'bag': named_file(bag), 'robot': named_text(_robot_name(args), robot.tree.source)}
+    name = Path(args.robot).name if args.robot else 'the one in the bag'
+    sources = {'bag': named_file(bag), 'robot': named_text(name, robot.tree.source)}
     shown = page(replay, summary, robot, provenance(args.command, sources))
     replaced = ' (replaced)' if report.exists() else ''
     write_text(report, shown.html())
@@ -198,10 +184,6 @@ def _as_bag(args: argparse.Namespace, path: Path, robot: Robot) -> Iterator[Path
         yield bag_of_table(path, robot.joint_names, Path(folder, 'table.mcap'), args.column, times)
 
 
-def _robot_name(args: argparse.Namespace) -> str:
-    return Path(args.robot).name if args.robot else 'the one in the bag'
-
-
 def _default_output(run: Path, bag: Path) -> Path:
     return Path(f'{recording_name(run)}_replay') if run == bag else run / 'replay'
 
@@ -215,7 +197,6 @@ def _adapt_settings(args: argparse.Namespace) -> AdaptSettings:
 
 
 def _robot(args: argparse.Namespace, bag: Path, session: dict[str, Any]) -> Robot:
-    """Load the named robot, or the recorded one, with the wanted changes."""
     source = robot_source(bag, args.robot)
     robot = load_robot(source, gravity=args.gravity or session.get('gravity', EARTH))
     return overridden(robot, args)

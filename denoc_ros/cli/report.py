@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from denoc_ros.cli.arguments import add_json, add_output, unused
+from denoc_ros.cli.arguments import add_json, add_option, add_output, unused
 from denoc_ros.cli.verb_result import VerbResult
 from denoc_ros.reports.run import report
 from denoc_ros.reports.run_files import BAG_FOLDER, recording_name
@@ -21,11 +21,9 @@ DESCRIPTION = (
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
-    parser.add_argument('run', metavar='RUN', type=Path, help="a run's directory, or a bag")
+    add_option(parser, 'run RUN', "a run's directory, or a bag", type=Path)
     add_output(
-        parser,
-        'FILE',
-        'file of the page; default: report.html in the run, or BAG.html here',
+        parser, 'FILE', 'file of the page; default: report.html in the run, or BAG.html here'
     )
     add_json(parser)
 

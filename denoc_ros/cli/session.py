@@ -88,18 +88,8 @@ class Session:
 
     Parameters
     ----------
-    config : SessionConfig
-        What runs, with which parameters.
-    task : Task
-        What is done.
     file : SessionFile
         Where phases are noted. Its folder has `parameters/`; the recorder makes `bag/`.
-    processes : Processes
-        Starts and ends the nodes.
-    client : SessionClient
-        Talks to them.
-    progress : Progress
-        Says what goes on.
     """
 
     def __init__(
@@ -243,7 +233,6 @@ class Session:
         return ticks + skipped, late + skipped
 
     def _rate(self, name: str) -> float:
-        """Return the rate of a loop [Hz]."""
         return (
             node_table(name).settings(self._config.nodes.get(name, {}), name).number('update_rate')
         )
@@ -264,7 +253,6 @@ class Session:
         return {name: (after[name] - self._cpu_before.get(name, 0.0)) / elapsed for name in after}
 
     def _start(self, names: Sequence[str], phase: Phase) -> None:
-        """Start nodes side by side and wait until all are active."""
         with self._progress.step(f'starting {", ".join(names)}', STARTING):
             for name in names:
                 self._parameters[name] = self._wanted(name, phase)
@@ -380,7 +368,6 @@ class Session:
 
     @property
     def _now_ns(self) -> int:
-        """The time by the clock of the recording [ns]."""
         return self._time.stamp_ns(self._time.now())
 
     def _follow(self, phase: Phase) -> None:

@@ -21,20 +21,7 @@ REPORTING = 5.0  # s that a report takes
 
 
 class SessionFile:
-    """`session.json` of a run's directory; each change is written at once, whole or not at all.
-
-    Parameters
-    ----------
-    folder : Path
-        The run's directory.
-    values : dict
-        What is known when the session begins, ready for JSON.
-
-    Attributes
-    ----------
-    folder : Path
-        The run's directory.
-    """
+    """`session.json` of a run's directory; each change is written at once, whole or not at all."""
 
     def __init__(self, folder: Path, values: dict[str, Any]) -> None:
         self.folder = folder
@@ -94,26 +81,6 @@ def conclude(
     progress: Progress,
 ) -> dict[str, Any]:
     """Write the results of a session: summary.json and, where it recorded, the report.
-
-    Parameters
-    ----------
-    folder : Path
-        The run's directory.
-    file : SessionFile
-        Where the cause of an early end is noted.
-    error : exception or None
-        Why the session ended before its end.
-    shares : dict of str to float
-        Share of a core that each node took.
-    records : bool
-        Whether the session has a recorder.
-    progress : Progress
-        Says what goes on.
-
-    Returns
-    -------
-    dict
-        The summary, as in its file.
 
     Raises
     ------

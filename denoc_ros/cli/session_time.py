@@ -88,8 +88,6 @@ class SimulatedTime(SessionTime):
 
     Parameters
     ----------
-    client : SessionClient
-        It hears /clock.
     period : float
         Of the plant [s]: time stands at multiples of it.
     """
@@ -240,8 +238,6 @@ def feedback_refusal(
     ----------
     config : SessionConfig
         Its phases may each have another feedback.
-    robot : Robot
-        As its file describes it.
     rate : float
         Of the feedforward's loop [Hz].
     patience : float

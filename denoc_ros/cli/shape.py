@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from denoc_ros.cli.arguments import (
     add_gravity,
     add_json,
-    add_numbers,
+    add_option,
     add_output,
     add_overrides,
     add_pairs,
@@ -84,10 +84,11 @@ DESCRIPTION = (
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
-    parser.add_argument('robot', help='the URDF file')
-    parser.add_argument(
+    add_option(parser, 'robot', 'the URDF file')
+    add_option(
+        parser,
         'motion',
-        help='a YAML file: a reference, a scenario or configuration that has one, or a '
+        'a YAML file: a reference, a scenario or configuration that has one, or a '
         'trajectory_msgs/JointTrajectory',
     )
     add_output(
@@ -96,29 +97,23 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         'the plan: .yaml for a reference of the joints, .csv for a table of all quantities',
         required=True,
     )
-    parser.add_argument(
-        '--method', choices=METHODS, default='tip', help='method of planning; default: tip'
-    )
-    parser.add_argument(
-        '--tip', metavar='FRAME', action='append', help='frame to keep on its path; repeatable'
-    )
-    parser.add_argument(
+    add_option(parser, '--method', 'method of planning; default: tip', 'tip', choices=METHODS)
+    add_option(parser, '--tip FRAME', 'frame to keep on its path; repeatable', action='append')
+    add_option(
+        parser,
         '--base',
+        'of a robot whose base floats: it reacts to the arm, or thrusters hold it; '
+        'default: free_floating',
         choices=BASES,
-        help='of a robot whose base floats: it reacts to the arm, or thrusters hold it; default: '
-        'free_floating',
     )
-    parser.add_argument(
-        '--page', metavar='FILE', type=Path, help='also simulate the plan and write an HTML page'
-    )
-    parser.add_argument(
+    add_option(parser, '--page FILE', 'also simulate the plan and write an HTML page', type=Path)
+    add_option(
+        parser,
         '--fastest',
-        action='store_true',
-        help='method tip and rest_to_rest: the timing is free, in the least time within '
-        'the limits',
+        'method tip and rest_to_rest: the timing is free, in the least time within the limits',
     )
     add_json(parser)
-    add_numbers(parser, ('--interval S', 0.02, 'time between rows; default: 0.02'))
+    add_option(parser, '--interval S', 'time between rows; default: 0.02', 0.02)
     add_gravity(parser, None, "the motion file's, else 0 0 -9.81")
     add_overrides(parser)
     _add_limits(parser)
@@ -127,9 +122,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def _add_limits(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group("limits in place of the file's")
-    group.add_argument(
-        '--joint-limits', metavar='FILE', help="joint_limits.yaml, as MoveIt's configurations have"
-    )
+    add_option(group, '--joint-limits FILE', "joint_limits.yaml, as MoveIt's configurations have")
     for name, (whose, unit) in LIMITS.items():
         add_pairs(
             group,
@@ -144,36 +137,32 @@ def _add_limits(parser: argparse.ArgumentParser) -> None:
             type=float,
             help=f'largest {name.replace("_", " ")} [{unit}]',
         )
-    add_numbers(
+    add_option(
+        group, '--margin SHARE', 'share of every limit but positions that is kept free', type=float
+    )
+    add_option(
         group,
-        ('--margin SHARE', None, 'share of every limit but positions that is kept free'),
-        (
-            '--uncertainty SHARE',
-            None,
-            "share by which the links' stiffness and the load may be off: says how much of each "
-            'limit would then be used',
-        ),
+        '--uncertainty SHARE',
+        "share by which the links' stiffness and the load may be off: says how much of "
+        'each limit would then be used',
+        type=float,
     )
 
 
 def _add_tip_options(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group('method tip')
-    group.add_argument(
-        '--joints', metavar='NAME,…', help='the driven joints; default: all but mimic joints'
-    )
+    add_option(group, '--joints NAME,…', 'the driven joints; default: all but mimic joints')
     for name, text in NUMBERS.items():
         group.add_argument(f'--{name}', metavar='X', type=float, help=text)
     group = parser.add_argument_group('input shapers and rest to rest')
     for name, (kind, methods, text) in OTHERS.items():
         said = 'all of them' if methods is SHAPERS else ', '.join(methods)
         group.add_argument(f'--{name}', metavar='X', type=kind, help=f'{text} ({said})')
-    group.add_argument(
-        '--mode-table',
-        metavar='FILE',
-        help=(
-            'measured modes over postures (`denoc identify postures`) in place of those of the '
-            'model, which may be rigid (zv, zvd, ei)'
-        ),
+    add_option(
+        group,
+        '--mode-table FILE',
+        'measured modes over postures (`denoc identify postures`) in place of those of '
+        'the model, which may be rigid (zv, zvd, ei)',
     )
 
 
@@ -218,7 +207,6 @@ def _findings(args: argparse.Namespace) -> list[str]:
 
 
 def _options(args: argparse.Namespace, values: Mapping[str, Any]) -> dict[str, Any]:
-    """Arguments of shape_motion beside motion, method and tip."""
     options: dict[str, Any] = {}
     if args.joint_limits:
         options.update(read_joint_limits(given_file(args.joint_limits, 'joint limits')))
@@ -240,13 +228,7 @@ def _options(args: argparse.Namespace, values: Mapping[str, Any]) -> dict[str, A
 
 
 def read_joint_limits(file: Path) -> dict[str, dict[str, float]]:
-    """Return the limits of a MoveIt joint_limits.yaml, as shape_motion takes them.
-
-    Raises
-    ------
-    ConfigError
-        With all that is wrong with it.
-    """
+    """Return the limits of a MoveIt joint_limits.yaml, as shape_motion takes them."""
     joints = read_yaml(file).get('joint_limits')
     if not isinstance(joints, dict):
         raise ConfigError(str(file), [f'joint_limits must be a mapping of joints, got {joints!r}'])
@@ -268,7 +250,6 @@ def read_joint_limits(file: Path) -> dict[str, dict[str, float]]:
 
 
 def _robot(args: argparse.Namespace, values: Mapping[str, Any]) -> Robot:
-    """Return the robot with gravity and model of the command line, else of the motion's file."""
     file = given_file(args.robot, 'robot')
     robot = load_robot(file, gravity=args.gravity or values.get('gravity', EARTH))
     model = values.get('model')
@@ -292,7 +273,9 @@ def summarize(plan: Plan, times: NDArray[Any]) -> dict[str, Any]:
         'tip_error_after_m': float(plan.tip_error[~moving].max(initial=0.0)),
         'tip_turn_rad': float(plan.tip_turn.max()),
         'equation_error_m': plan.equation_error,
-        'largest_torque': _by_name(plan, np.abs(plan.torque).max(axis=0)),
+        'largest_torque': dict(
+            zip(plan.joint_names, np.abs(plan.torque).max(axis=0).tolist(), strict=True)
+        ),
         **_of_base(plan),
         **_of_limits(plan),
     }
@@ -315,10 +298,6 @@ def _of_base(plan: Plan) -> dict[str, Any]:
     parts = plan.base_wrench[:, :3], plan.base_wrench[:, 3:]
     force, torque = (float(np.linalg.norm(part, axis=1).max()) for part in parts)
     return {'base_force_N': force, 'base_torque_Nm': torque}
-
-
-def _by_name(plan: Plan, values: NDArray[Any]) -> dict[str, float]:
-    return dict(zip(plan.joint_names, values.tolist(), strict=True))
 
 
 def _page(
@@ -345,7 +324,6 @@ def _page(
 
 
 def _lines(summary: Mapping[str, Any]) -> Iterator[str]:
-    """Yield the numbers of a plan for a terminal."""
     yield (
         f'{summary["output"]}: {summary["rows"]} rows from {summary["begins_s"]:.4g} to '
         f'{summary["ends_s"]:.4g} s, method {summary["method"]}'

@@ -32,15 +32,8 @@ def plans_of(
 
     Parameters
     ----------
-    config : SessionConfig
     robot : Robot
         As the file has it; the plan is made with the overrides that the nodes have.
-    trajectory : Trajectory or None
-        What is asked for.
-    joints : sequence of str
-        The trajectory's.
-    step : callable
-        Says what is done: a context per plan.
 
     Raises
     ------

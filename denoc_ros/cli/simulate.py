@@ -14,6 +14,7 @@ from tqdm import tqdm
 
 from denoc_ros.cli.arguments import (
     add_json,
+    add_option,
     add_output,
     add_pairs,
     given_file,
@@ -62,11 +63,6 @@ def load(robot: str, scenario: str, smooth: float | None = None) -> tuple[Robot,
     smooth : float, optional
         What is faster is taken out of the scenario's points [Hz]; without it, points whose
         accelerations are mostly rounding are warned of.
-
-    Raises
-    ------
-    ConfigError, ModelError
-        With every finding of the file.
     """
     robot_file, scenario_file = given_file(robot, 'robot'), given_file(scenario, 'scenario')
     values = _smooth_enough(_with_reference(read_yaml(scenario_file), scenario_file), smooth)
@@ -106,19 +102,8 @@ def prepare(
 
     Parameters
     ----------
-    robot : Path or str
-        The URDF file, or its text.
-    values : mapping
-        The scenario.
-    where : str
-        The scenario's name in errors.
     overrides : mapping, optional
         Of the model, beside and above those of the scenario.
-
-    Raises
-    ------
-    ConfigError, ModelError
-        With every finding.
     """
     loaded = model_settings(values, where).load(robot, overrides)
     return loaded, scenario_from_config(values, loaded, where)
@@ -185,17 +170,11 @@ def vary(
 
     Parameters
     ----------
-    robot : str
-        URDF text.
     scenario : mapping
         As `denoc_ros.simulation.scenario.scenario_from_config` takes it.
     ranges : mapping
         Dotted path -> lowest and highest value, drawn evenly. A run's draws depend on the seed
         and its number alone, so that more runs can be added to a store.
-    runs, seed : int
-        How many, and where the draws begin.
-    store, workers, progress
-        As `denoc_ros.cli.batch.run_batch`.
 
     Returns
     -------
@@ -273,23 +252,21 @@ def _lines_of_many(summary: Mapping[str, Any]) -> list[str]:
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
-    parser.add_argument('robot', help='the URDF file')
-    parser.add_argument('scenario', help='a YAML file, such as config/scenarios/*.yaml')
+    add_option(parser, 'robot', 'the URDF file')
+    add_option(parser, 'scenario', 'a YAML file, such as config/scenarios/*.yaml')
     add_output(
         parser,
         '',
         'new .mcap file or bag folder; with --vary a folder of Parquet files, which grow',
         required=True,
     )
-    parser.add_argument(
-        '--report', metavar='FILE', type=Path, help='also write the HTML page of the run'
-    )
+    add_option(parser, '--report FILE', 'also write the HTML page of the run', type=Path)
     add_json(parser)
-    parser.add_argument(
-        '--smooth',
-        metavar='HZ',
+    add_option(
+        parser,
+        '--smooth HZ',
+        'remove faster motion, such as rounding errors, from the points of the scenario',
         type=float,
-        help='remove faster motion, such as rounding errors, from the points of the scenario',
     )
     varied = parser.add_argument_group('many runs, with the model varied')
     add_pairs(
@@ -299,10 +276,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         number_range,
         form='PATH=LOW:HIGH with LOW <= HIGH',
     )
-    varied.add_argument(
-        '--runs', metavar='N', type=int, default=100, help='number of runs; default: 100'
-    )
-    varied.add_argument('--seed', type=int, default=0, help='seed of the draws; default: 0')
+    add_option(varied, '--runs N', 'number of runs; default: 100', 100)
+    add_option(varied, '--seed', 'seed of the draws; default: 0', 0)
     add_worker_options(varied)
 
 
@@ -346,7 +321,6 @@ def session_of(
 
 
 def _lines(summary: Mapping[str, Any]) -> Iterator[str]:
-    """Yield the numbers of a run for a terminal."""
     show: Callable[[float], str] = '{:.4g}'.format
     yield (
         f'{summary["output"]}: {show(summary["duration_s"])} s, {summary["samples"]} samples, '

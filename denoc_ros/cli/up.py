@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from denoc_ros.bags.series import read_joint_states
-from denoc_ros.cli.arguments import add_json
+from denoc_ros.cli.arguments import add_json, add_option
 from denoc_ros.cli.config import AUTO, REAL, SIMULATED, TIMES, SessionConfig, load_config
 from denoc_ros.cli.interrupts import Interrupts
 from denoc_ros.cli.node_parameters import check_parameters, session_plant
@@ -41,11 +41,7 @@ NO_ROS = (
     'pip install "denoc_ros[ros]"'
 )
 
-WHY = {
-    REAL: 'real time',
-    SIMULATED: 'simulated time, as asked for',
-    AUTO: 'real time',
-}
+WHY = {REAL: 'real time', SIMULATED: 'simulated time, as asked for', AUTO: 'real time'}
 NO_SOURCE = 'time must be real where no plant can make it, got simulated'
 TAKEN = 'the directory must not exist yet, got {}'
 DESCRIPTION = (
@@ -65,41 +61,32 @@ class SessionRun:
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
-    parser.add_argument('config', metavar='CONFIG.yaml', help='configuration file of the session')
-    parser.add_argument('--duration', type=float, metavar='S', help='duration of each phase [s]')
-    parser.add_argument(
+    add_option(parser, 'config CONFIG.yaml', 'configuration file of the session')
+    add_option(parser, '--duration S', 'duration of each phase [s]', type=float)
+    add_option(
+        parser,
         '--record',
+        'record a bag and write the report (default: as in the configuration)',
         action=argparse.BooleanOptionalAction,
-        help='record a bag and write the report (default: as in the configuration)',
     )
-    parser.add_argument(
+    add_option(
+        parser,
         '--time',
+        'real time, simulated time in lockstep, or as the machine holds (default: as in '
+        'the configuration, else auto)',
         choices=TIMES,
-        help='real time, simulated time in lockstep, or as the machine holds (default: as in the '
-        'configuration, else auto)',
     )
-    parser.add_argument(
-        '--input',
-        type=Path,
-        metavar='BAG',
-        help='run on recorded joint states instead of the plant',
+    add_option(
+        parser, '--input BAG', 'run on recorded joint states instead of the plant', type=Path
     )
-    parser.add_argument(
-        '--output',
-        type=Path,
-        metavar='DIR',
-        help='new directory of the run; default: runs/<time>',
+    add_option(parser, '--output DIR', 'new directory of the run; default: runs/<time>', type=Path)
+    add_option(
+        parser,
+        '--set PATH=VALUE',
+        'change a value of the configuration or the model (beam.LINK.y.ei=9e4); repeatable',
+        [],
     )
-    parser.add_argument(
-        '--set',
-        action='append',
-        default=[],
-        metavar='PATH=VALUE',
-        help='change a value of the configuration or the model (beam.LINK.y.ei=9e4); repeatable',
-    )
-    parser.add_argument(
-        '--view', action='store_true', help='show the robot in the browser; prints the address'
-    )
+    add_option(parser, '--view', 'show the robot in the browser; prints the address')
     add_json(parser)
 
 
@@ -148,26 +135,12 @@ def bring_up(
 
     Parameters
     ----------
-    config : SessionConfig
-        What runs.
     bag : Path, optional
         Recorded joint states to run on instead of the plant.
     output : Path, optional
         The run's directory, which must not exist; default runs/<time>.
-    command : str
-        The command line, for the report's foot.
     interrupts : Interrupts, optional
         What holds signals back while the graph is entered and left.
-
-    Returns
-    -------
-    SessionRun
-        Where it is, its numbers, and why it ended early if it did.
-
-    Raises
-    ------
-    DenocError
-        For a bad configuration or robot.
     """
     if config.time != REAL and (bag is not None or 'plant' in config.without):
         if config.time == SIMULATED:
@@ -284,7 +257,6 @@ def _task(config: SessionConfig, robot: Robot, bag: Path | None) -> Task:
 def _shaped(
     config: SessionConfig, robot: Robot, task: Task, progress: Progress
 ) -> tuple[SessionConfig, Task]:
-    """Return session and task with the plans of the phases that shape their reference."""
     plans = plans_of(config, robot, task.trajectory, task.joints, progress.step)
     phases = tuple(
         started_on_the_plan(phase, plans[phase.name], task.joints)
@@ -332,12 +304,9 @@ def new_folder(output: Path | None) -> Path:
 
 
 def _viewed(config: SessionConfig) -> SessionConfig:
-    """Return the session with the viewer, on a free port unless it says which."""
     viewer = {'port': 0, **config.nodes.get('viewer', {})}
     return dataclasses.replace(
-        config,
-        nodes={**config.nodes, 'viewer': viewer},
-        without=config.without - {'viewer'},
+        config, nodes={**config.nodes, 'viewer': viewer}, without=config.without - {'viewer'}
     )
 
 

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from denoc_ros.bags.reader import read_description
-from denoc_ros.cli.arguments import add_gravity, add_numbers
+from denoc_ros.cli.arguments import add_gravity, add_option
 from denoc_ros.cli.config import find_file, read_yaml, share_directory
 from denoc_ros.cli.progress import Progress
 from denoc_ros.dynamics.robot import Robot, load_robot
@@ -56,47 +56,25 @@ class OpenedRun:
 def add_run_options(parser: argparse.ArgumentParser) -> None:
     """Declare the options that select a part of a run, and its robot."""
     group = parser.add_argument_group('a recorded run')
-    group.add_argument(
-        '--robot', help=(
-            'URDF file of the robot, in this folder or in the installed package; default: the '
-            'one in the bag'
-        ),
-    )  # fmt: skip
-    group.add_argument(
+    add_option(
+        group,
+        '--robot ROBOT',
+        'URDF file of the robot, in this folder or in the installed package; default: '
+        'the one in the bag',
+    )
+    add_option(
+        group,
         '--source',
+        'source of the deflection; default: the first of these in the bag',
+        '',
         choices=SOURCES,
-        default='',
-        help='source of the deflection; default: the first of these in the bag',
     )
-    group.add_argument(
-        '--from',
-        dest='start',
-        type=float,
-        metavar='S',
-        default=-math.inf,
-        help='first time to show [s]',
-    )
-    group.add_argument(
-        '--to',
-        dest='end',
-        type=float,
-        metavar='S',
-        default=math.inf,
-        help='last time to show [s]',
-    )
+    add_option(group, '--from S', 'first time to show [s]', -math.inf, dest='start')
+    add_option(group, '--to S', 'last time to show [s]', math.inf, dest='end')
 
 
 def open_run(args: argparse.Namespace, path: Path, rate: float) -> OpenedRun:
     """Open a run.
-
-    Parameters
-    ----------
-    args : Namespace
-        Of `add_run_options`, and `gravity`.
-    path : Path
-        A bag, or the directory of a run.
-    rate : float
-        Moments per second, at most.
 
     Raises
     ------
@@ -137,7 +115,6 @@ def robot_source(bag: Path, given: str | None) -> str | Path:
 
 
 def _session_robot(session: dict[str, object]) -> Path | None:
-    """Return the file that the run's robot came from, for the meshes beside it."""
     file = Path(str(session.get('robot', '')))
     return file if file.is_file() else None
 
@@ -145,30 +122,20 @@ def _session_robot(session: dict[str, object]) -> Path | None:
 def add_film_options(parser: argparse.ArgumentParser) -> None:
     """Declare the options of films and strips."""
     group = parser.add_argument_group('films and pictures of a recorded run, without a display')
-    group.add_argument('--video', type=Path, metavar='FILE', help='write a film, .mp4 or .gif')
-    group.add_argument(
-        '--strip',
-        type=Path,
-        metavar='FILE',
-        help='write some snapshots of the run into one .png',
-    )
-    group.add_argument(
-        '--phases',
-        nargs='+',
-        default=[],
-        metavar='NAME',
-        help='phases that the film shows beside each other, each from its beginning',
-    )
-    add_numbers(
+    add_option(group, '--video FILE', 'write a film, .mp4 or .gif', type=Path)
+    add_option(group, '--strip FILE', 'write some snapshots of the run into one .png', type=Path)
+    add_option(
         group,
-        ('--moments N', 6, 'number of snapshots of the strip, default 6'),
-        ('--speed', 1.0, 'speed of the film: 0.1 is ten times slower than real time'),
-        ('--fps', None, 'frames per second, default 30, for a GIF 20'),
+        '--phases NAME',
+        'phases that the film shows beside each other, each from its beginning',
+        [],
+        nargs='+',
     )
-    group.add_argument(
-        '--size', default='', metavar='WxH', help='size in pixels, default 1280x720'
-    )
-    group.add_argument('--view', choices=VIEWS, default='auto', help='direction of view')
+    add_option(group, '--moments N', 'number of snapshots of the strip, default 6', 6)
+    add_option(group, '--speed', 'speed of the film: 0.1 is ten times slower than real time', 1.0)
+    add_option(group, '--fps', 'frames per second, default 30, for a GIF 20', type=float)
+    add_option(group, '--size WxH', 'size in pixels, default 1280x720', '')
+    add_option(group, '--view', 'direction of view', 'auto', choices=VIEWS)
 
 
 def wants_pictures(args: argparse.Namespace) -> bool:
@@ -178,18 +145,6 @@ def wants_pictures(args: argparse.Namespace) -> bool:
 
 def write_pictures(args: argparse.Namespace, path: Path) -> list[Path]:
     """Write the film and the strip that were asked for.
-
-    Parameters
-    ----------
-    args : Namespace
-        Of `add_film_options` and `add_run_options`, and `scale`.
-    path : Path
-        The run.
-
-    Returns
-    -------
-    list of Path
-        What was written.
 
     Raises
     ------
@@ -228,7 +183,6 @@ def _film(args: argparse.Namespace, opened: OpenedRun, look: Look) -> None:
 
 
 def _size(text: str) -> tuple[int, int]:
-    """Return width and height of WxH."""
     if not text:
         return 1280, 720
     width, _, height = text.lower().partition('x')
@@ -240,29 +194,29 @@ def _size(text: str) -> tuple[int, int]:
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
-    parser.add_argument(
-        'shown',
+    add_option(
+        parser,
+        'shown ROBOT|RUN',
+        "a URDF file, a bag, or a run's directory; default: the gallery",
         nargs='?',
-        metavar='ROBOT|RUN',
-        help="a URDF file, a bag, or a run's directory; default: the gallery",
     )
     add_gravity(parser, None, "the run's, else 0 0 -9.81")
-    parser.add_argument(
+    add_option(
+        parser,
         '--scale',
+        'factor that enlarges deflections, 1 to 100; default 1, for films chosen so that '
+        'they are visible',
         type=float,
-        help=(
-            'factor that enlarges deflections, 1 to 100; default 1, for films chosen so that '
-            'they are visible'
-        ),
     )
-    parser.add_argument('--host', default='127.0.0.1', help='interface to listen on')
-    parser.add_argument(
+    add_option(parser, '--host', 'interface to listen on', '127.0.0.1')
+    add_option(
+        parser,
         '--port',
+        'port of the page, 0 for a free one; default %(default)s',
+        DEFAULT_PORT,
         type=int,
-        default=DEFAULT_PORT,
-        help='port of the page, 0 for a free one; default %(default)s',
     )
-    parser.add_argument('--no-browser', action='store_true', help='do not open a browser')
+    add_option(parser, '--no-browser', 'do not open a browser')
     add_run_options(parser)
     add_film_options(parser)
 
@@ -386,7 +340,6 @@ def _open_browser(address: str) -> None:
 
 
 def _ending() -> threading.Event:
-    """Make an event that SIGINT and SIGTERM set."""
     ending = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: ending.set())

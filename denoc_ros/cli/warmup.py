@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from denoc_ros import kernels as package
+from denoc_ros.cli.arguments import add_option
 from denoc_ros.cli.progress import Progress
 from denoc_ros.dynamics.robot_model import CONSTRAINT_KERNELS, KERNELS
 from denoc_ros.dynamics.stepper import DRIVEN_KERNELS
@@ -50,13 +51,7 @@ DESCRIPTION = (
 
 
 def all_kernels(loops: bool = True) -> list[Any]:
-    """Return all that any command or node may compile, heavy ones at both ends.
-
-    Parameters
-    ----------
-    loops : bool
-        Whether those for robots with constraints are among them.
-    """
+    """Return all that any command or node may compile, heavy ones at both ends."""
     for module in pkgutil.iter_modules(package.__path__):
         import_module(f'{package.__name__}.{module.name}')
     found = [each for each in DECLARED if loops or not _module(each).startswith(OF_LOOPS)]
@@ -64,15 +59,7 @@ def all_kernels(loops: bool = True) -> list[Any]:
 
 
 def kernels(loops: bool, plans: bool) -> list[Any]:
-    """Return the kernels of a session: heavy ones at both ends.
-
-    Parameters
-    ----------
-    loops : bool
-        Whether the robot has constraints.
-    plans : bool
-        Whether a phase shapes its reference, or a node plans.
-    """
+    """Return the kernels of a session: heavy ones at both ends."""
     of_robot = CONSTRAINT_KERNELS if loops else DRIVEN_KERNELS
     found = [*KERNELS, *of_robot, inverse_derivatives.inverse_dynamics_derivatives]
     found += [kalman.take_values, message_values.take_numbers]
@@ -124,20 +111,7 @@ def counted(wanted: Sequence[Any]) -> str:
 
 
 def compile_all(wanted: Sequence[Any], watch: Callable[[], None] = lambda: None) -> None:
-    """Compile in processes beside each other; return when all is in the cache.
-
-    Parameters
-    ----------
-    wanted : sequence of dispatchers
-        Each declared in denoc_ros.kernels.
-    watch : callable
-        Called while they work; may raise.
-
-    Raises
-    ------
-    DenocError
-        A process failed.
-    """
+    """Compile in processes beside each other; return when all is in the cache."""
     names = [_name(each) for each in wanted]
     processes = [
         subprocess.Popen(
@@ -198,12 +172,12 @@ if __name__ == '__main__':
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
-    parser.add_argument(
-        'robot',
+    add_option(
+        parser,
+        'robot ROBOT.urdf',
+        'leave out the kernels for kinematic loops and mimic joints if this robot has none',
         nargs='?',
         type=Path,
-        metavar='ROBOT.urdf',
-        help=('leave out the kernels for kinematic loops and mimic joints if this robot has none'),
     )
 
 
@@ -213,13 +187,7 @@ def has_constraints(tree: Tree) -> bool:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Compile and print the time it took.
-
-    Returns
-    -------
-    int
-        0; a bad robot is raised.
-    """
+    """Compile and print the time it took."""
     LOG.info('loading the compiler')
     loops = args.robot is None or has_constraints(load_tree(args.robot))
     wanted = all_kernels(loops)

@@ -21,7 +21,7 @@ ROUNDS = 40
 STEADY = 1e-3  # share of the duration that a round must save
 EXCESS = 20.0  # price of a share beyond a limit, in durations
 NEAR = 1e-3  # share beyond a limit that counts as kept
-KEPT = 2e-4  # share of each limit that programs keep free
+KEPT = 1e-3  # share of each limit that programs keep free
 START, LEAST, MOST = 0.5, 2e-3, 4.0  # of the trust region, as a share of each coefficient
 GOOD, POOR = 0.7, 0.2  # share of a predicted gain that is found
 NEARBY = 0.3  # of a limit: rows that a program looks at first
@@ -88,6 +88,9 @@ class MinimumTimeProblem(Protocol[S]):
 
     def jacobian(self, solution: S) -> Array | sparse.csr_array:
         """Return the derivatives (k r, p) of the shares, row by row."""
+
+    def shares_at(self, found: S, here: S) -> Array:
+        """Return the shares (k, r) of a motion at the places of another motion's rows."""
 
     def program(self, solution: S) -> Objective:
         """Return the cost as a function of the coefficients."""
@@ -255,24 +258,22 @@ def shortest(
             if step is None:
                 radius *= 0.3
             else:
-                there, expected, gains_there = step
-                found = _attempt(problem, there, (here, there - coefficients))
-                if found is not None and _cost(problem, found, here.cost) > cost - POOR * (
-                    cost - expected
-                ):
-                    found, there = _corrected(
-                        problem, here, found, jacobian, (coefficients, there), radius
-                    )
-                gain = -np.inf if found is None else cost - _cost(problem, found, here.cost)
+                there, expected, gains_there, length = step
                 wanted = cost - expected
                 if wanted <= problem.steady * (1.0 if excess(here) <= NEAR else 0.1):
                     settled, gains = True, gains_there
                     break
+                found = _attempt(problem, there, (here, there - coefficients))
+                if found is not None and cost - _cost(problem, found, here.cost) < POOR * wanted:
+                    found, there = _corrected(
+                        problem, here, found, jacobian, (coefficients, there), radius
+                    )
+                gain = -np.inf if found is None else cost - _cost(problem, found, here.cost)
                 if found is not None and gain >= POOR * wanted:
                     radius = min(2.0 * radius, MOST) if gain >= GOOD * wanted else radius
                     here, coefficients, gains = found, found.coefficients, gains_there
                     break
-                radius *= 0.4
+                radius = 0.4 * min(radius, length)
             if radius < LEAST or stopped():
                 settled = radius < LEAST
                 break
@@ -335,7 +336,7 @@ def checked_plan(
             rows.narrow(problem.places(plan), use.shares)
             with suppress(SolverError):
                 narrowed = shortest(problem, found.coefficients, _quiet, stopped, TIGHTEN)
-        if narrowed is not None:
+        if narrowed is not None and not np.array_equal(narrowed.coefficients, found.coefficients):
             found = narrowed
         else:
             slower = problem.slower(found.coefficients, 1.0 + 1.1 * float(beyond.max()))
@@ -370,9 +371,7 @@ def _corrected(
     A correction of second order: the derivatives are those of the motion before.
     """
     before, there = steps
-    if found.shares.shape != here.shares.shape:
-        return found, there
-    shares = found.shares.ravel() - jacobian @ (there - before)
+    shares = problem.shares_at(found, here).ravel() - jacobian @ (there - before)
     step = _program(
         problem.program(here),
         here,
@@ -413,8 +412,8 @@ def _program(
     radius: float,
     price: float,
     shares: Array | None = None,
-) -> tuple[Array, float, Array] | None:
-    """Return the coefficients of the convex program, its cost, and the rows' multipliers.
+) -> tuple[Array, float, Array, float] | None:
+    """Return the convex program's coefficients, its cost, the rows' multipliers, and its step.
 
     `shares` stand in place of those of the motion.
     """
@@ -474,7 +473,7 @@ def _program(
     if part.quadratic is not None:
         cost_there += 0.5 * float(d @ part.quadratic @ d)
     cost_there += price * max(0.0, float(z[-1]) - KEPT - 0.5 * NEAR)
-    return c + scale * d, cost_there, gains.sum(axis=0)
+    return c + scale * d, cost_there, gains.sum(axis=0), float(np.abs(d).max())
 
 
 def _empty(rows: int, columns: int) -> sparse.csr_array:

@@ -400,6 +400,10 @@ class RestProblem:
         most[self._splines + 1 :] = 0.4 * gaps[1:] / STEP_OF_PASSING
         return scale, -np.maximum(least, 0.0), most
 
+    def shares_at(self, found: TimedRest, here: TimedRest) -> Array:
+        """Return the shares (k, r) of a motion: its rows are at the same shares of time."""
+        return found.shares
+
     def program(self, solution: TimedRest) -> RestCost:
         """Return the cost as a function of the coefficients."""
         return RestCost(solution, self)

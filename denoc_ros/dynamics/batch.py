@@ -16,7 +16,8 @@ from denoc_ros.dynamics.validation import same_rows
 from denoc_ros.kernels.compiled import entry
 from denoc_ros.types import Array
 
-ROWS_PER_THREAD = 64  # below that a thread costs more than it saves
+# rows times coordinates of a thread: with fewer it costs more, some 60 us, than it saves
+LEAST_PER_THREAD = 2000
 
 
 def cores() -> int:
@@ -54,7 +55,7 @@ def run_rows(
     """
     rows = tuple([a if a.ndim == 2 else _as_matrix(a) for a in arrays])
     compiled = entry(kernel)
-    if count <= ROWS_PER_THREAD:
+    if _threads(robot, count) == 1:
         return compiled(robot.handle, rows, 0, count)
     return run_chunks(robot, count, lambda handle, *edges: compiled(handle, rows, *edges))
 
@@ -66,13 +67,19 @@ def _as_matrix(array: Array) -> Array:
 
 def run_chunks(robot: RobotModel, count: int, run: Callable[..., int]) -> int:
     """Return the worst status of run(handle, first, last) over rows shared out over threads."""
-    chunks = min(cores(), count // ROWS_PER_THREAD) if count > ROWS_PER_THREAD else 1
+    chunks = _threads(robot, count)
     if chunks == 1:
         return run(robot.handle, 0, count)
     edges = [count * k // chunks for k in range(chunks + 1)]
     spaces = [robot.new_workspace() for _ in range(chunks)]
     handles = [space.handle for space in spaces]
     return max(_pool().map(run, handles, edges[:-1], edges[1:]))
+
+
+def _threads(robot: RobotModel, count: int) -> int:
+    """Return on how many threads so many rows are shared out."""
+    threads = count * robot.n // LEAST_PER_THREAD
+    return min(cores(), threads) if threads > 1 else 1
 
 
 def each_row(function: Callable[..., Any], *states: Array) -> Any:

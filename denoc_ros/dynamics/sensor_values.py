@@ -253,11 +253,8 @@ class SensorValues(DifferentiableMechanism, KinematicDerivatives):
             rate = self._zero if qd is None else qd
             return self.beam_sensor_values(q) + self.beyond_shapes(q, rate, qdd)
         q = as_states('q', q, self.n)
-        values = np.empty((*q.shape[:-1], len(self.tree.sensors)))
-        for k, sensor in enumerate(self.tree.sensors):
-            first = structure.body_amplitudes(self, sensor.body).start
-            values[..., k] = q[..., first : first + len(sensor.row)] @ sensor.row
-        for k, sensor in structure.composed_sensors(self):
+        values: Array = q @ self._linear_rows.T
+        for k, sensor in self._composed_sensors:
             section, own = self.section(sensor.link, sensor.station)
             moved = section.deflection(q[..., own])
             values[..., k] = moved[..., 1 if sensor.direction == 'y' else 2]
@@ -312,13 +309,21 @@ class SensorValues(DifferentiableMechanism, KinematicDerivatives):
     def beam_sensor_rows(self, q: ArrayLike) -> Array:
         """Return the derivative (sensors, n) or (k, sensors, n) of `beam_sensor_values` by q."""
         q = as_states('q', q, self.n)
-        linear = structure.sensor_rows(self)
+        linear = self._linear_rows
         rows: Array = np.broadcast_to(linear, (*q.shape[:-1], *linear.shape)).copy()
-        for k, sensor in structure.composed_sensors(self):
+        for k, sensor in self._composed_sensors:
             section, own = self.section(sensor.link, sensor.station)
             axis = 1 if sensor.direction == 'y' else 2
             rows[..., k, own] = section.jacobian(q[..., own])[..., axis, :]
         return rows
+
+    @cached_property
+    def _linear_rows(self) -> Array:
+        return structure.sensor_rows(self)
+
+    @cached_property
+    def _composed_sensors(self) -> list[tuple[int, Sensor]]:
+        return structure.composed_sensors(self)
 
     @cached_property
     def _inertial_frames(self) -> Array:

@@ -445,7 +445,10 @@ class Observer:
 
     def modal_state(self, out: tuple[Array, Array]) -> None:
         """Write the whole robot's coordinates and rates at `time`, as :class:`HiddenSprings`."""
-        lead = min(self.time - self._stamp, self.settings.max_age)
+        if not self.springs.hidden:
+            out[0][:], out[1][:] = self.q, self.qd
+            return
+        lead = min(self.time - self._stamp, self._max_age)
         self.springs.write((self.q, self.qd), lead, out)
 
     def predict(self, reference: Reference | None = None) -> tuple[Array, Array]:
@@ -580,9 +583,6 @@ class HiddenSprings:
             Written, in the order of `whole.names`. Of joints measured behind their springs they
             have the motor's side.
         """
-        if not self.hidden:
-            out[0][:], out[1][:] = described
-            return
         rate = self._springs.rate
         lead = self._ahead + ahead
         self.whole.write(described[0], self._springs.deflection + lead * rate, out[0])

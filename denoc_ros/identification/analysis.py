@@ -55,17 +55,11 @@ def analyse_decay(
 
     Parameters
     ----------
-    record : Record
     given : bool
         Whether the record is the decay; else the longest free decay in it is looked for.
     standing : sequence of (float, float)
         From when to when the joints stand [s], where that is known: the decay is looked for
         there, and a given window that they move in is doubted.
-
-    Raises
-    ------
-    IdentificationError
-        As `fit_modes`.
     """
     if given:
         window_by = 'given'

@@ -37,8 +37,6 @@ def modal_overrides(
 
     Parameters
     ----------
-    robot : Robot
-        The model.
     results : sequence of mapping
         Results of `denoc identify modal`, of the same configuration of the robot. Where several
         have a mode, the one with the narrower interval counts.
@@ -46,8 +44,6 @@ def modal_overrides(
         Positions of joints [rad, m]; those not named are at 0.
     held : bool
         Whether the joints were locked (or held by their controllers), or free.
-    doubtful : bool
-        Whether doubtful modes count too.
 
     Raises
     ------
@@ -75,13 +71,6 @@ def modal_overrides(
 
 def joint_overrides(result: Mapping[str, Any], joint: str) -> dict[str, float]:
     """Return viscous damping and Coulomb friction of a joint by dotted path.
-
-    Parameters
-    ----------
-    result : mapping
-        Result of `denoc identify joint`.
-    joint : str
-        Whose they are.
 
     Raises
     ------
@@ -181,7 +170,6 @@ def compare_results(results: Sequence[Mapping[str, Any]]) -> list[ComparedMode]:
 def _is_same(
     group: Sequence[tuple[int, Mapping[str, Any]]], run: int, mode: Mapping[str, Any]
 ) -> bool:
-    """Say whether a mode belongs to a group, which has each run once."""
     step = np.log(mode['frequency_hz'] / group[-1][1]['frequency_hz'])
     return bool(step < SAME_MODE and run not in {other for other, _ in group})
 
@@ -217,14 +205,8 @@ def overrides_of_results(
 
     Parameters
     ----------
-    robot : Robot
-    results : sequence of mapping
     at : mapping
         Positions of joints [rad, m]; the others' are those of the first result of modes, else 0.
-    held, doubtful : bool
-        As `modal_overrides` takes them.
-    joint : str
-        Whose the friction is.
 
     Raises
     ------
@@ -259,10 +241,6 @@ def posture_table(
     ----------
     results : sequence of (Path, mapping)
         With their files, which errors name.
-    doubtful : bool
-        Whether doubtful modes count too.
-    name : str
-        Of the table.
 
     Raises
     ------

@@ -13,12 +13,7 @@ import numpy as np
 from denoc_ros.bags.joint_state import FIELDS, JOINT_STATE
 from denoc_ros.bags.joint_table import RecordedWindow, shown, table_times
 from denoc_ros.bags.reader import bag_topics, read_bag
-from denoc_ros.bags.series import (
-    elapsed,
-    element_names,
-    read_arrays,
-    read_joint_states,
-)
+from denoc_ros.bags.series import elapsed, element_names, read_arrays, read_joint_states
 from denoc_ros.bags.tables import is_table, is_time, read_table
 from denoc_ros.errors import BagError
 from denoc_ros.identification.records import Record
@@ -31,29 +26,17 @@ DEEPEST = 4  # levels of a message that are looked into
 
 @dataclass(frozen=True)
 class Channel(RecordedWindow):
-    """One signal of a file: its place, and its conversion to a quantity.
+    """One signal of a file: its place, and its conversion to a quantity."""
 
-    Attributes
-    ----------
-    topic : str
-        Of a bag; '' where it has one topic of numbers only.
-    field : str
-        Joint of a JointState, label or index of a Float64MultiArray, dotted path in another
-        message (`wrench.force.x`), or a table's column; '' where there is one only.
-    quantity : str
-        position, velocity or effort of a JointState.
-    gain, offset : float
-        value = gain * raw + offset.
-    unit : str
-        Of the value.
-    """
-
-    topic: str = ''
+    topic: str = ''  # of a bag; '' where it has one topic of numbers only
+    # joint of a JointState, label or index of a Float64MultiArray, dotted path in another message
+    # (`wrench.force.x`), or a table's column; '' where there is one only
     field: str = ''
-    quantity: str = 'position'
+    quantity: str = 'position'  # position, velocity or effort of a JointState
+    # value = gain * raw + offset
     gain: float = 1.0
     offset: float = 0.0
-    unit: str = ''
+    unit: str = ''  # of the value
 
     @property
     def name(self) -> str:

@@ -188,12 +188,8 @@ def later_start_differs(t: Array, fit: Damped, span: float, k: int) -> str:
     ----------
     t : ndarray, shape (n,)
         Times of the fitted samples from the start of the record [s].
-    fit : Damped
-        Of the whole record.
     span : float
         Duration of the record [s].
-    k : int
-        Which component.
     """
     sigma, omega = fit.poles[k]
     if sigma <= 0.0 or 1.0 / sigma > SHORT * span:
@@ -242,8 +238,6 @@ def overlapping(poles: Array, size: Array, k: int) -> str:
         Decay rates [1/s] and damped angular frequencies [rad/s].
     size : ndarray, shape (m,)
         Amplitudes at the start.
-    k : int
-        Which component.
     """
     rate = np.hypot(*poles.T)
     heavy = poles[:, 0] > HEAVY * rate
@@ -299,7 +293,6 @@ def components(t: Array, fit: Damped, span: float) -> tuple[list[Component], tup
     ----------
     t : ndarray, shape (k,)
         Times of the fitted samples from the start of the record [s].
-    fit : Damped
     span : float
         Duration of the record [s].
     """

@@ -139,10 +139,6 @@ def fit_damped(
         First guess of the poles (sigma [1/s], w [rad/s]).
     span : float, optional
         What the drift is scaled by [s]; default the last time.
-    base : bool
-        With offset and drift.
-    rounds : int
-        Evaluations at most.
     """
     span = float(t[-1]) if span is None else span
     projection = _Projection(t, y, span, base)

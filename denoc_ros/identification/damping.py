@@ -67,8 +67,6 @@ def assign_damping(
 
     Parameters
     ----------
-    robot : Robot
-        The model.
     q : (n,)
         Where it rang; amplitudes may be zero.
     frequency, damping_ratio : (k,)
@@ -178,7 +176,6 @@ def _amplitudes(robot: Robot) -> list[_Amplitude]:
 
 
 def _sum_of(index: NDArray[np.int64], weights: Array, squares: Array) -> Array:
-    """Return the weighted sum (modes,) of squares (n, modes) over some coordinates."""
     return np.asarray(weights @ squares[index])
 
 

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from scipy.signal import find_peaks
 from scipy.special import stdtrit
 
 from denoc_ros.errors import IdentificationError
-from denoc_ros.identification.peaks import find_peaks
 from denoc_ros.identification.records import Record, assess
 from denoc_ros.types import Array
 
@@ -61,8 +61,6 @@ def log_decrement(
 
     Parameters
     ----------
-    record : Record
-    convention : {'exact', 'book'}
     frequency : float, optional
         Of the mode, damped [Hz], where it is known: what else swings then makes no crests of its
         own.
@@ -134,8 +132,8 @@ def _extremes(record: Record, frequency: float | None) -> tuple[Array, Array]:
     y = record.y - np.mean(record.y)
     prominence = PROMINENCE * max(assess(record).noise, 1e-6 * float(np.ptp(y)))
     apart = 1 if frequency is None else max(int(CLOSEST / frequency / record.step), 1)
-    signed = [(k, 1) for k in find_peaks(y, prominence=prominence, distance=apart)]
-    signed += [(k, -1) for k in find_peaks(-y, prominence=prominence, distance=apart)]
+    signed = [(k, 1) for k in find_peaks(y, prominence=prominence, distance=apart)[0]]
+    signed += [(k, -1) for k in find_peaks(-y, prominence=prominence, distance=apart)[0]]
     kept: list[tuple[int, int]] = []
     for k, side in sorted(signed):
         if kept and kept[-1][1] == side:

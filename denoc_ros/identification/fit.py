@@ -45,11 +45,6 @@ def judge(
 
     Parameters
     ----------
-    part : Component
-    record : Record
-    quality : Quality
-    coloured : bool
-        Whether the residual of the fit is.
     left_out : float
         Share of the samples that the fit did not use.
     """
@@ -152,10 +147,6 @@ def identify_modes(t: ArrayLike, y: ArrayLike) -> Modes:
 
 def fit_modes(record: Record) -> Modes:
     """Identify the modes of a record of a free decay: see identify_modes.
-
-    Parameters
-    ----------
-    record : Record
 
     Raises
     ------

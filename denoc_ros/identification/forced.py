@@ -360,23 +360,10 @@ def identify_forced(
 
     Parameters
     ----------
-    path : Path
-        A bag or a table.
-    channel : Channel
-        The response.
     inputs : sequence of Channel
         What drives it; where they have no topic, it is that of the response.
     band, count
         Of the modes that the verdict is of, as `strongest` takes them.
-
-    Returns
-    -------
-    dict
-        The result, of plain values.
-    Record
-        The response where the inputs are there as well.
-    ForcedModes
-        What the result is from.
     """
     reading = read_record(path, channel)
     topic = reading.channel.topic

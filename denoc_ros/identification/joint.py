@@ -12,11 +12,7 @@ from denoc_ros.errors import IdentificationError
 from denoc_ros.identification.channel import Reading
 from denoc_ros.identification.curves import NORMAL_95
 from denoc_ros.identification.damped import independent_samples
-from denoc_ros.identification.decrement import (
-    Convention,
-    critical_joint_damping,
-    log_decrement,
-)
+from denoc_ros.identification.decrement import Convention, critical_joint_damping, log_decrement
 from denoc_ros.identification.modes import DOUBTFUL, GOOD, NOT_IDENTIFIABLE
 from denoc_ros.identification.records import Record, assess, doubtful_rate
 from denoc_ros.identification.result import quality_of, source_of
@@ -309,9 +305,6 @@ def joint_result(
 
     Parameters
     ----------
-    reading : Reading
-        The swing.
-    fit : JointFit
     known : bool
         Whether inertia or gravity torque were given: the terms are no longer per inertia.
     mass_per_length, length : float, optional

@@ -176,8 +176,6 @@ def _modal_result(
 
     Parameters
     ----------
-    reading : Reading
-    analysis : DecayAnalysis
     coefficients : mapping
         Place of a mode -> the amplitude of a model that it determines; may be empty.
     model : mapping
@@ -215,13 +213,6 @@ def _modal_result(
 
 def describe(path: Path, channel: Channel) -> list[Document]:
     """Return one row of quality per signal that the channel leaves open.
-
-    Parameters
-    ----------
-    path : Path
-        A bag or a table.
-    channel : Channel
-        What it names is all that is described.
 
     Raises
     ------
@@ -262,13 +253,7 @@ def write_result(folder: Path, document: Mapping[str, Any]) -> None:
 
 
 def read_result(path: Path) -> Document:
-    """Return a result from its file, or from the folder it is in.
-
-    Raises
-    ------
-    IdentificationError
-        When it cannot be read or is no result.
-    """
+    """Return a result from its file, or from the folder it is in."""
     file = path / RESULT_FILE if path.is_dir() else path
     try:
         document = read_yaml_file(file)

@@ -9,6 +9,7 @@ from typing import Literal
 
 import numpy as np
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
+from scipy.signal import find_peaks
 
 from denoc_ros.bags.joint_state import JOINT_STATE
 from denoc_ros.bags.reader import bag_topics
@@ -16,7 +17,6 @@ from denoc_ros.bags.series import read_joint_states
 from denoc_ros.bags.tables import is_table
 from denoc_ros.identification.channel import Reading
 from denoc_ros.identification.damped import in_gap
-from denoc_ros.identification.peaks import find_peaks
 from denoc_ros.identification.records import FEWEST_SAMPLES, Mask, Quality, Record, assess
 from denoc_ros.types import Array
 
@@ -129,7 +129,7 @@ def _cycles(t: Array, y: Array) -> list[float]:
     frequency = np.fft.rfftfreq(4 * speed.size, t[1] - t[0])[1:]
     size = np.abs(np.fft.rfft(speed, 4 * speed.size))[1:] / frequency
     size[frequency < SLOWEST / float(t[-1] - t[0])] = 0.0
-    peaks = find_peaks(size, height=STRONG * size.max())
+    peaks, _ = find_peaks(size, height=STRONG * size.max())
     chosen = peaks[:MOST_CYCLES] if peaks.size else [int(np.argmax(size))]
     return [float(1.0 / frequency[k]) for k in chosen]
 

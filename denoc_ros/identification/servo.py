@@ -65,7 +65,6 @@ def fit_servo_runs(joint: str, runs: Sequence[Run]) -> ServoFit:
 
     Parameters
     ----------
-    joint : str
     runs : sequence of (t, command, measured), each (k,)
         Times in equal steps [s], where the joint was told to be, and where it was [rad, m].
 

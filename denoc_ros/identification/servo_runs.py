@@ -122,9 +122,7 @@ def read_commands(path: Path, topic: str, stamp: Stamp = 'header') -> Commands:
     )
 
 
-def _trajectory(
-    item: BagMessage,
-) -> list[tuple[int, tuple[str, ...], SplineTrajectory | Array]]:
+def _trajectory(item: BagMessage) -> list[tuple[int, tuple[str, ...], SplineTrajectory | Array]]:
     """Return a trajectory, or a streamed point, from when it holds; none without points."""
     points = item.message.points
     names = tuple(item.message.joint_names)
@@ -257,15 +255,7 @@ def _grid(
 def identify_servos(
     paths: Sequence[Path], options: ServoOptions
 ) -> tuple[Document, list[tuple[ServoFit, Run]]]:
-    """Identify the servos of joints from recordings, which are fitted together.
-
-    Returns
-    -------
-    dict
-        The result, of plain values.
-    list of (ServoFit, Run)
-        The joints that moved, with their recordings one behind the other.
-    """
+    """Identify the servos of joints from recordings, which are fitted together."""
     read = [servo_runs(path, options) for path in paths]
     found: list[tuple[ServoFit, Run]] = []
     none = []

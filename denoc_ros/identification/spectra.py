@@ -8,10 +8,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
+from scipy.signal import find_peaks
 from scipy.special import stdtrit
 
 from denoc_ros.errors import IdentificationError
-from denoc_ros.identification.peaks import find_peaks
 from denoc_ros.identification.records import Mask, Record, sample_noise
 from denoc_ros.types import Array
 
@@ -64,7 +64,6 @@ def waterfall(record: Record, window: float) -> Waterfall:
 
     Parameters
     ----------
-    record : Record
     window : float
         Length of the windows [s].
     """
@@ -102,8 +101,6 @@ def evolving_spectra(
 
     Parameters
     ----------
-    record : Record
-        A free decay.
     frequencies : ndarray, optional
         Of the modes, damped [Hz], known in advance; default: peaks of the record's spectrum.
     window : float, optional
@@ -142,7 +139,8 @@ def spectrum_peaks(record: Record) -> Array:
     frequency = np.fft.rfftfreq(size, grid[1] - grid[0])
     magnitude[frequency < SLOWEST / record.duration] = 0.0
     smooth = np.convolve(magnitude, np.hanning(9) / np.hanning(9).sum(), 'same')
-    peaks = find_peaks(smooth, height=PEAK * smooth.max(), prominence=0.5 * PEAK * smooth.max())
+    least = PEAK * smooth.max()
+    peaks, _ = find_peaks(smooth, height=least, prominence=0.5 * least)
     noise = sample_noise(record.y) * np.sqrt(values.size)
     strong = peaks[smooth[peaks] > CLEAR * noise]
     return np.asarray(frequency[strong[_apart(frequency[strong], smooth[strong], record)]])

@@ -58,7 +58,6 @@ def swing_angles(
 
     Parameters
     ----------
-    swing : JointSwing
     t : ndarray, shape (k,)
         From 0, rising [s].
     large : bool
@@ -206,8 +205,6 @@ def scout_friction(t: Array, y: Array, guess: JointSwing, large: bool) -> dict[T
         Times from the start of the swing [s], measured angles [rad].
     guess : JointSwing
         First guess of the motion; its friction is not used.
-    large : bool
-        Gravity's sine; False: a linear spring.
     """
     found: dict[Terms, tuple[float, JointSwing]] = {}
     for terms in MODELS:
@@ -239,12 +236,7 @@ def refine_friction(
 
 
 def fit_swing(
-    t: Array,
-    y: Array,
-    start: JointSwing,
-    terms: Terms,
-    large: bool,
-    steps: int = STEPS_PER_CYCLE,
+    t: Array, y: Array, start: JointSwing, terms: Terms, large: bool, steps: int = STEPS_PER_CYCLE
 ) -> SwingFit:
     """Fit one set of friction terms from one start: the equation of motion is integrated.
 
@@ -252,13 +244,8 @@ def fit_swing(
     ----------
     t, y : ndarray, shape (k,)
         Times from the start of the swing [s], measured angles [rad].
-    start : JointSwing
     terms : tuple of str
         Of viscous, coulomb and quadratic.
-    large : bool
-        Gravity's sine; False: a linear spring.
-    steps : int
-        Of the integration, per cycle.
     """
     free = (*MOTION, *terms)
     scale = _scale(y, start)

@@ -13,9 +13,8 @@ from denoc_ros.kernels.component_modes import (
     column_wrench,
     constants_of,
     first_mode,
-    point_bend,
+    none,
     point_moments,
-    point_slip,
     product_sum,
     put_points,
     take_points,
@@ -24,31 +23,13 @@ from denoc_ros.kernels.component_modes import (
 )
 from denoc_ros.kernels.derivative_rows import own_of
 from denoc_ros.kernels.handle import at
-from denoc_ros.kernels.lanes import put_all, spread, take
+from denoc_ros.kernels.lanes import put_all, put_vector, spread, take
 from denoc_ros.kernels.spatial import store_strided
 from denoc_ros.kernels.vector import add, cross, load, scale, store, subtract
 
 
 @short_inlined
-def point_change(topology, constants, x, i, j, o):
-    """Return sum_k Gamma_jk x_k of the points from o on."""
-    m, points = at(topology, i, at_.MODES), at(topology, i, at_.POINTS)
-    count, first = at(topology, i, at_.BENT), first_mode(topology, i)
-    width = count * points
-    _, _, _, gamma = constants_of(topology, i)
-    gamma += width * m * j + o
-    a, b, c = spread(0.0), spread(0.0), spread(0.0)
-    if count > 0:
-        a = bent(constants, gamma, m, width, x, first)
-    if count > 1:
-        b = bent(constants, gamma + points, m, width, x, first)
-    if count > 2:
-        c = bent(constants, gamma + 2 * points, m, width, x, first)
-    return a, b, c
-
-
-@short_inlined
-def move_points(topology, constants, work, qd, qdd, i, scratch):
+def move_points(topology, constants, work, i, scratch):
     """Write velocity and acceleration of body i's points; what moving modes alone take part.
 
     Body axes. FORCE, TORQUE, MOMENTUM and TURNING take the slip's share.
@@ -58,16 +39,13 @@ def move_points(topology, constants, work, qd, qdd, i, scratch):
     w, al = load(work, o + at_.ANGULAR_VELOCITY), load(work, o + at_.ANGULAR_ACCELERATION)
     v, a = load(work, o + at_.VELOCITY), load(work, o + at_.ACCELERATION)
     e, _, _, _ = constants_of(topology, i)
-    p, _, accelerated = work_of(topology, i)
-    zero = spread(0.0)
-    nothing = (zero, zero, zero)
-    momentum, force, torque = nothing, nothing, nothing
-    x, y, z = nothing, nothing, nothing  # sums of slip times p_x, p_y and p_z
+    p, _, accelerated, slipping = work_of(topology, i)
+    momentum, force, torque = none(), none(), none()
+    x, y, z = none(), none(), none()  # sums of slip times p_x, p_y and p_z
     for k in range(0, points, diff_.LANES):
         one, place = take(constants, e + k), take_points(work, p + k, points)
-        slip = point_slip(topology, work, qd, i, k)
-        up = add(point_slip(topology, work, qdd, i, k), point_bend(topology, constants, qd, i, k))
-        up = add(up, scale(2.0, cross(w, slip)))
+        slip = take_points(work, slipping + k, points)
+        up = add(take_points(work, accelerated + k, points), scale(2.0, cross(w, slip)))
         turning = cross(w, place)
         put_points(work, scratch + k, points, add(add(scale(one, v), turning), slip))
         acc = add(add(scale(one, a), cross(al, place)), add(cross(w, turning), up))
@@ -104,27 +82,33 @@ def own_composite(topology, constants, work, i):
 @short_inlined
 def write_changes(topology, constants, work, qd, qdd, i, j, by):
     """Write d acc/dd_j and d acc/d d'_j of body i's points at offset by of work."""
-    points = at(topology, i, at_.POINTS)
+    points, drawn = at(topology, i, at_.POINTS), at(topology, i, at_.BENT)
+    m, first, width = at(topology, i, at_.MODES), first_mode(topology, i), 3 * points
+    _, _, _, gamma = constants_of(topology, i)
+    for k in range(0, width, 3 * diff_.LANES):
+        bend, lift = none(), none()
+        if k < drawn:
+            bend, lift = bent(constants, gamma + k, drawn, m, j, qd, qdd, first)
+        put_vector(work, by + k, diff_.LANES, lift)
+        put_vector(work, by + width + k, diff_.LANES, bend)
     o = at(topology, i, at_.WORK)
     w, al = load(work, o + at_.ANGULAR_VELOCITY), load(work, o + at_.ANGULAR_ACCELERATION)
-    _, columns, _ = work_of(topology, i)
-    columns += 3 * points * j
+    _, columns, _, _ = work_of(topology, i)
+    columns += width * j
     for k in range(0, points, diff_.LANES):
         column = take_points(work, columns + k, points)
         turned = cross(w, column)
-        bend = point_change(topology, constants, qd, i, j, k)
-        lift = point_change(topology, constants, qdd, i, j, k)
+        lift, bend = take_points(work, by + k, points), take_points(work, by + width + k, points)
         by_q = add(add(cross(al, column), cross(w, turned)), lift)
         by_q = add(by_q, scale(2.0, cross(w, bend)))
         put_points(work, by + k, points, by_q)
-        put_points(work, by + 3 * points + k, points, scale(2.0, add(turned, bend)))
+        put_points(work, by + width + k, points, scale(2.0, add(turned, bend)))
 
 
 @short_inlined
 def lever(work, a, b, points):
     """Return the sum over the points of the cross products of vectors at offsets a and b."""
-    zero = spread(0.0)
-    found = (zero, zero, zero)
+    found = none()
     for k in range(0, points, diff_.LANES):
         u, v = take_points(work, a + k, points), take_points(work, b + k, points)
         found = add(found, cross(u, v))
@@ -132,13 +116,13 @@ def lever(work, a, b, points):
 
 
 @short_inlined
-def curvature_force(topology, constants, work, i, r, j):
-    """Return sum Gamma_rj . acc over body i's points."""
-    m, points = at(topology, i, at_.MODES), at(topology, i, at_.POINTS)
-    width = at(topology, i, at_.BENT) * points
+def curvature_force(topology, constants, work, i, j, k):
+    """Return sum Gamma_jk . acc over body i's points, j >= k."""
+    drawn = at(topology, i, at_.BENT)
     _, _, _, gamma = constants_of(topology, i)
-    _, _, accelerated = work_of(topology, i)
-    return product_sum(constants, gamma + width * (m * r + j), work, accelerated, width)
+    _, _, accelerated, _ = work_of(topology, i)
+    pair = gamma + drawn * (j * (j + 1) // 2 + k)
+    return product_sum(constants, pair, work, accelerated, drawn)
 
 
 @short_shared
@@ -152,13 +136,13 @@ def component_derivatives(topology, constants, work, qd, qdd, i):
     width = 3 * points
     velocity = at(topology, 0, diff_.BEAM_SCRATCH)
     by = velocity + width
-    move_points(topology, constants, work, qd, qdd, i, velocity)
+    move_points(topology, constants, work, i, velocity)
     own_composite(topology, constants, work, i)
     own, step, forces = own_of(topology, i)
     for k in range(own, forces + 3 * step * m, diff_.LANES):  # lanes beyond the last mode
         put_all(work, k, spread(0.0))
     e, _, _, _ = constants_of(topology, i)
-    p, columns, accelerated = work_of(topology, i)
+    p, columns, accelerated, _ = work_of(topology, i)
     for j in range(m):
         column = columns + width * j
         write_changes(topology, constants, work, qd, qdd, i, j, by)
@@ -175,8 +159,11 @@ def component_derivatives(topology, constants, work, qd, qdd, i):
         for r in range(m):
             other = columns + width * r
             o = forces + step * r + j
-            work[o] = curvature_force(topology, constants, work, i, r, j) + product_sum(
-                work, other, work, by, width
-            )
+            work[o] += product_sum(work, other, work, by, width)
             work[o + step * m] = product_sum(work, other, work, by + width, width)
             work[o + 2 * step * m] = product_sum(work, other, work, column, width)
+        for r in range(j + 1):
+            force = curvature_force(topology, constants, work, i, j, r)
+            work[forces + step * r + j] += force
+            if r < j:
+                work[forces + step * j + r] += force

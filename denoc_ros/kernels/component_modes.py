@@ -3,14 +3,22 @@
 A point stands at p = r + 1/2 sum_j (Phi_j + B_j) d_j with the columns B_j = Phi_j + sum_k Gamma_jk
 d_k, so that dB_j/dd_k = Gamma_jk. The points are the rows of a factor of the functions' Gram
 matrix: e is the value of 1 at a point, r those of x, y and z. Component by component, the points'
-numbers stand side by side in whole lanes; only the first BENT components have a Gamma.
+numbers stand side by side in whole lanes; only the first BENT of them have a Gamma.
 """
 
 from denoc_ros.kernels import layout as at_
 from denoc_ros.kernels.compiled import short_inlined, short_shared
 from denoc_ros.kernels.derivative_layout import LANES
 from denoc_ros.kernels.handle import at
-from denoc_ros.kernels.lanes import plus_product, put_all, spread, take, total
+from denoc_ros.kernels.lanes import (
+    plus_product,
+    put_all,
+    put_vector,
+    spread,
+    take,
+    take_vector,
+    total,
+)
 from denoc_ros.kernels.rotation import exponential_coefficients, square_plus
 from denoc_ros.kernels.vector import accumulate, add, cross, dot, load, rotate, scale, store
 
@@ -31,32 +39,35 @@ def constants_of(topology, i):
 
 
 @short_inlined
+def none():
+    """Return a vector of lanes of zeros."""
+    zero = spread(0.0)
+    return zero, zero, zero
+
+
+@short_inlined
 def work_of(topology, i):
-    """Return the offsets of p, B and the acceleration of body i's points in work."""
+    """Return the offsets of p, B, the acceleration and the slip of body i's points in work."""
+    width = 3 * at(topology, i, at_.POINTS)
     p = at(topology, i, at_.BEAM_WORK) + at(topology, i, at_.MODES)
-    columns = p + 3 * at(topology, i, at_.POINTS)
-    return p, columns, columns + 3 * at(topology, i, at_.POINTS) * at(topology, i, at_.MODES)
+    columns = p + width
+    accelerated = columns + width * at(topology, i, at_.MODES)
+    return p, columns, accelerated, accelerated + width
 
 
 @short_inlined
-def bent(constants, gamma, m, width, x, first):
-    """Return sum_k Gamma_jk x_k of some points, given the offset of Gamma_j1 there."""
-    found = spread(0.0)
+def bent(constants, gamma, size, m, j, x, y, first):
+    """Return sum_k Gamma_jk x_k and sum_k Gamma_jk y_k of some of the points' numbers.
+
+    Gamma is symmetric: the pairs j >= k stand one after the other, each of so many numbers.
+    """
+    a, b = none(), none()
+    o = gamma + size * (j * (j + 1) // 2)
     for k in range(m):
-        found = plus_product(found, take(constants, gamma + width * k), spread(x[first + k]))
-    return found
-
-
-@short_inlined
-def bent_twice(constants, gamma, m, width, x, first):
-    """Return sum_jk Gamma_jk x_j x_k of some points, given the offset of Gamma_11 there."""
-    found = spread(0.0)
-    for j in range(m):
-        row = gamma + width * (m + 1) * j
-        more = bent(constants, row + width, m - 1 - j, width, x, first + j + 1)
-        own = take(constants, row) * x[first + j]
-        found = plus_product(found, own + 2.0 * more, spread(x[first + j]))
-    return found
+        curve = take_vector(constants, o, LANES)
+        a, b = add(a, scale(x[first + k], curve)), add(b, scale(y[first + k], curve))
+        o += size if k < j else size * (k + 1)
+    return a, b
 
 
 @short_inlined
@@ -68,68 +79,41 @@ def product_sum(a, o, b, p, size):
     return total(found)
 
 
+@short_inlined
+def set_points(topology, constants, work, q, qd, qdd, i, moving):
+    """Place the points of body i and their columns B; if moving, write B d' and B d'' + B' d'."""
+    m, width = at(topology, i, at_.MODES), 3 * at(topology, i, at_.POINTS)
+    drawn, first = at(topology, i, at_.BENT), first_mode(topology, i)
+    _, r, phi, gamma = constants_of(topology, i)
+    p, columns, accelerated, slipping = work_of(topology, i)
+    for o in range(0, width, 3 * LANES):
+        place, slip, up = take_vector(constants, r + o, LANES), none(), none()
+        for j in range(m):
+            column, bend = take_vector(constants, phi + width * j + o, LANES), none()
+            half = column
+            if o < drawn:
+                more, bend = bent(constants, gamma + o, drawn, m, j, q, qd, first)
+                half, column = add(column, scale(0.5, more)), add(column, more)
+            put_vector(work, columns + width * j + o, LANES, column)
+            place = add(place, scale(q[first + j], half))
+            slip = add(slip, scale(qd[first + j], column))
+            up = add(up, add(scale(qdd[first + j], column), scale(qd[first + j], bend)))
+        put_vector(work, p + o, LANES, place)
+        if moving:
+            put_vector(work, slipping + o, LANES, slip)
+            put_vector(work, accelerated + o, LANES, up)
+
+
 @short_shared
 def place_components(topology, constants, work, q, i):
     """Place the points of body i and their columns B."""
-    m, width = at(topology, i, at_.MODES), 3 * at(topology, i, at_.POINTS)
-    drawn = at(topology, i, at_.BENT) * at(topology, i, at_.POINTS)
-    first = first_mode(topology, i)
-    _, r, phi, gamma = constants_of(topology, i)
-    p, columns, _ = work_of(topology, i)
-    for o in range(0, width, LANES):
-        place = take(constants, r + o)
-        for j in range(m):
-            column = take(constants, phi + width * j + o)
-            half = column
-            if o < drawn:
-                more = bent(constants, gamma + drawn * m * j + o, m, drawn, q, first)
-                column, half = column + more, column + 0.5 * more
-            put_all(work, columns + width * j + o, column)
-            place = plus_product(place, half, spread(q[first + j]))
-        put_all(work, p + o, place)
+    set_points(topology, constants, work, q, q, q, i, False)
 
 
-@short_inlined
-def combination(work, columns, m, width, x, first):
-    """Return sum_j B_j x_j of some points, one component, given the offset of B_1 there."""
-    found = spread(0.0)
-    for j in range(m):
-        found = plus_product(found, take(work, columns + width * j), spread(x[first + j]))
-    return found
-
-
-@short_inlined
-def point_slip(topology, work, qd, i, o):
-    """Return B x of the points from o on, x the elements of qd."""
-    m, points = at(topology, i, at_.MODES), at(topology, i, at_.POINTS)
-    first = first_mode(topology, i)
-    _, columns, _ = work_of(topology, i)
-    columns += o
-    width = 3 * points
-    return (
-        combination(work, columns, m, width, qd, first),
-        combination(work, columns + points, m, width, qd, first),
-        combination(work, columns + 2 * points, m, width, qd, first),
-    )
-
-
-@short_inlined
-def point_bend(topology, constants, qd, i, o):
-    """Return B' d' of the points from o on."""
-    m, points = at(topology, i, at_.MODES), at(topology, i, at_.POINTS)
-    first = first_mode(topology, i)
-    count = at(topology, i, at_.BENT)
-    width = points * count
-    _, _, _, gamma = constants_of(topology, i)
-    gamma += o
-    x, y, z = spread(0.0), spread(0.0), spread(0.0)
-    if count > 0:
-        x = bent_twice(constants, gamma, m, width, qd, first)
-    if count > 1:
-        y = bent_twice(constants, gamma + points, m, width, qd, first)
-    if count > 2:
-        z = bent_twice(constants, gamma + 2 * points, m, width, qd, first)
-    return x, y, z
+@short_shared
+def move_components(topology, constants, work, q, qd, qdd, i):
+    """Place the points of body i, and write what the modes alone move them."""
+    set_points(topology, constants, work, q, qd, qdd, i, True)
 
 
 @short_inlined
@@ -153,21 +137,24 @@ def totals(v):
 
 
 @short_shared
-def component_wrench(topology, constants, work, qd, qdd, i):
-    """Add the wrench of body i's points and write its modal forces: sum [1; p x; B^T] acc."""
+def component_wrench(topology, constants, work, q, qd, qdd, i):
+    """Place the points of body i, add their wrench and write modal forces: sum [1; p x; B^T] acc.
+
+    In one call, so that beams keep the registers.
+    """
+    set_points(topology, constants, work, q, qd, qdd, i, True)
     m, points = at(topology, i, at_.MODES), at(topology, i, at_.POINTS)
     o = at(topology, i, at_.WORK)
     w = load(work, o + at_.ANGULAR_VELOCITY)
     a = load(work, o + at_.ACCELERATION)
     al = load(work, o + at_.ANGULAR_ACCELERATION)
     e, _, _, _ = constants_of(topology, i)
-    p, columns, accelerated = work_of(topology, i)
-    zero = spread(0.0)
-    force, torque = (zero, zero, zero), (zero, zero, zero)
+    p, columns, accelerated, slipping = work_of(topology, i)
+    force, torque = none(), none()
     for k in range(0, points, LANES):
         one, place = take(constants, e + k), take_points(work, p + k, points)
-        slip = point_slip(topology, work, qd, i, k)
-        up = add(point_slip(topology, work, qdd, i, k), point_bend(topology, constants, qd, i, k))
+        slip = take_points(work, slipping + k, points)
+        up = take_points(work, accelerated + k, points)
         acc = add(add(scale(one, a), cross(al, place)), up)
         acc = add(acc, cross(w, add(cross(w, place), scale(2.0, slip))))
         put_points(work, accelerated + k, points, acc)
@@ -186,7 +173,7 @@ def point_moments(topology, constants, work, i):
     """Return mass, first moment and rotational inertia (6) of body i's points."""
     points = at(topology, i, at_.POINTS)
     e, _, _, _ = constants_of(topology, i)
-    p, _, _ = work_of(topology, i)
+    p, _, _, _ = work_of(topology, i)
     y, z = p + points, p + 2 * points
     mass = product_sum(constants, e, constants, e, points)
     moment = (
@@ -206,8 +193,7 @@ def point_moments(topology, constants, work, i):
 @short_inlined
 def column_wrench(constants, e, a, p, b, column, points):
     """Return sum [1; p x] v over the points of a vector v at offset column of b; p is in a."""
-    zero = spread(0.0)
-    force, torque = (zero, zero, zero), (zero, zero, zero)
+    force, torque = none(), none()
     for k in range(0, points, LANES):
         v = take_points(b, column + k, points)
         force = add(force, scale(take(constants, e + k), v))
@@ -222,7 +208,7 @@ def component_inertia(topology, constants, work, i):
     size, width = 6 + m, 3 * points
     o = at(topology, i, at_.INERTIA_WORK)
     e, _, _, _ = constants_of(topology, i)
-    p, columns, _ = work_of(topology, i)
+    p, columns, _, _ = work_of(topology, i)
     mass, moment, spin = point_moments(topology, constants, work, i)
     for n in range(3):
         work[o + (size + 1) * n] += mass

@@ -11,7 +11,7 @@ from denoc_ros.kernels.handle import (
     model_arrays,
 )
 from denoc_ros.kernels.motion import move_body
-from denoc_ros.kernels.placement import place_by_sines, place_modes
+from denoc_ros.kernels.placement import place_beam, place_by_sines
 from denoc_ros.kernels.rotation import write_sines
 from denoc_ros.kernels.spring import internal_force
 from denoc_ros.kernels.states import over_rows, vector_of_state
@@ -26,9 +26,10 @@ def outward_motion(n, topology, constants, work, diagonals, bodies, q, qd, qdd):
     write_sines(q, n, sines, cosines)
     for i in range(1, bodies + 1):
         place_by_sines(topology, constants, work, q, sines, cosines, i)
-        place_modes(topology, constants, work, q, i)
+        if at(topology, i, at_.POINTS) > 0 and at(topology, i, at_.COMPONENTS) == 0:
+            place_beam(topology, constants, work, q, i)
         move_body(topology, constants, work, qd, qdd, i)
-        body_wrench(topology, constants, work, qd, qdd, i)
+        body_wrench(topology, constants, work, q, qd, qdd, i)
 
 
 @inlined

@@ -45,7 +45,7 @@ from denoc_ros.kernels.lanes import (
     take_pair,
     take_vector,
 )
-from denoc_ros.kernels.placement import place_by_sines, place_modes
+from denoc_ros.kernels.placement import move_modes, place_by_sines
 from denoc_ros.kernels.rotation import write_sines
 from denoc_ros.kernels.section_columns import geometric_terms, show_columns, write_seen
 from denoc_ros.kernels.spatial import (
@@ -235,7 +235,7 @@ def outward_derivatives(n, topology, constants, work, diagonals, bodies, q, qd, 
     store(work, base + diff_.ACCELERATED + 3, load(work, motion + at_.ANGULAR_ACCELERATION))
     for i in range(1, bodies + 1):
         place_by_sines(topology, constants, work, q, sines, cosines, i)
-        place_modes(topology, constants, work, q, i)
+        move_modes(topology, constants, work, q, qd, qdd, i)
         world_pose(topology, work, i)
         move_world(topology, constants, work, qd, qdd, i)
         own_share(topology, constants, work, qd, qdd, i)

@@ -32,7 +32,7 @@ RUN = 20  # row of the body from which on each carries the next, down to this on
 SIBLING = 21  # row of the body before this one on the same carrier, 0: none
 SLOT = 22  # where right-hand sides pass through this body (see right_hand_sides)
 COMPONENTS = 23  # number of component modes: MODES of a link that has them, else 0
-BENT = 24  # of how many components of its points Gamma stands in constants
+BENT = 24  # how many of its points' numbers have a Gamma, in whole vectors of lanes
 TOPOLOGY_COLUMNS = 25
 
 FIXED = 0
@@ -60,7 +60,8 @@ BODY_CONSTANTS_SIZE = 52
 # weight, station, s_y (NY), s_z (NZ), H_y (NY NY), H_z (NZ NZ)
 
 # constants: a link with component modes, from BEAM, POINTS in whole lanes:
-# e (POINTS), r (3 POINTS), Phi (MODES 3 POINTS), Gamma (MODES MODES BENT POINTS)
+# e (POINTS), r (3 POINTS), Phi (MODES 3 POINTS), Gamma (BENT) of each
+# pair of modes (0, 0), (1, 0), (1, 1), (2, 0) ...
 
 # constants: a section, from SECTION:
 # station, s_y (NY), s_z (NZ), s_y' (NY), s_z' (NZ), s_t (NT), H_y (NY NY), H_z (NZ NZ)
@@ -91,7 +92,8 @@ BLOCK_SIZE = 21
 
 # work: a beam, from BEAM_WORK:
 # modal force (MODES), then per point: position (3), H_y d_y (NY), H_z d_z (NZ)
-# with component modes: modal force (MODES), p (3 POINTS), B (MODES 3 POINTS), acc (3 POINTS)
+# with component modes: modal force (MODES), p (3 POINTS), B (MODES 3 POINTS),
+# acc (3 POINTS; B d'' + B' d' before), B d' (3 POINTS)
 
 # work: a section, from SECTION_WORK
 SECTION_POSITION = 0  # (3) position of the section in the carrier's body frame

@@ -2,7 +2,11 @@
 
 from denoc_ros.kernels import layout as at_
 from denoc_ros.kernels.compiled import inlined
-from denoc_ros.kernels.component_modes import place_component_section, place_components
+from denoc_ros.kernels.component_modes import (
+    move_components,
+    place_component_section,
+    place_components,
+)
 from denoc_ros.kernels.handle import at
 from denoc_ros.kernels.rotation import exponential_coefficients, sine_cosine, square_plus
 from denoc_ros.kernels.vector import add, load, rotate, scale, store
@@ -230,3 +234,12 @@ def place_modes(topology, constants, work, q, i):
             place_components(topology, constants, work, q, i)
         else:
             place_beam(topology, constants, work, q, i)
+
+
+@inlined
+def move_modes(topology, constants, work, q, qd, qdd, i):
+    """Place the points of body i, with what component modes alone move them."""
+    if at(topology, i, at_.COMPONENTS) > 0:
+        move_components(topology, constants, work, q, qd, qdd, i)
+    else:
+        place_modes(topology, constants, work, q, i)

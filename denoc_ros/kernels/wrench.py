@@ -130,12 +130,15 @@ def torsion_wrench(topology, constants, work, qd, qdd, i):
 
 
 @inlined
-def body_wrench(topology, constants, work, qd, qdd, i):
-    """Write the wrench and the modal forces that body i needs for its motion (no elasticity)."""
+def body_wrench(topology, constants, work, q, qd, qdd, i):
+    """Write the wrench and the modal forces that body i needs for its motion (no elasticity).
+
+    A beam's points must be placed before.
+    """
     rigid_wrench(topology, constants, work, i)
     if at(topology, i, at_.POINTS) > 0:
         if at(topology, i, at_.COMPONENTS) > 0:
-            component_wrench(topology, constants, work, qd, qdd, i)
+            component_wrench(topology, constants, work, q, qd, qdd, i)
         else:
             bending_wrench(topology, constants, work, qd, qdd, i)
     if at(topology, i, at_.NT) > 0:

@@ -325,7 +325,7 @@ class _ArrayBuilder:
         row[layout.MODES] = row[layout.COMPONENTS] = points.modes
         row[layout.POINTS], row[layout.BENT] = points.count, points.bent
         row[layout.BEAM] = self.append(points.constants)
-        size = points.modes + (2 + points.modes) * 3 * points.count
+        size = points.modes + (3 + points.modes) * 3 * points.count
         row[layout.BEAM_WORK] = self.reserve(size)
 
     def derivatives(self) -> None:
@@ -372,7 +372,6 @@ def to_arrays(tree: Tree, gravity: Array, geometric_stiffness: bool) -> ModelArr
 
     Parameters
     ----------
-    tree : Tree
     gravity : (3,) [m/s^2], base frame
     geometric_stiffness : bool
         False drops the foreshortening u_x (the book's slow-motion model).
@@ -417,11 +416,6 @@ def to_arrays(tree: Tree, gravity: Array, geometric_stiffness: bool) -> ModelArr
 Row = NDArray[np.int64]
 
 
-def _end(row: Row) -> int:
-    """Return the index after a body's own coordinates."""
-    return int(row[layout.COORDINATE] + row[layout.JOINT] + row[layout.MODES])
-
-
 def mark_branches(rows: Sequence[Row]) -> int:
     """Fill in the branches in the rows of the base and the bodies.
 
@@ -438,7 +432,7 @@ def mark_branches(rows: Sequence[Row]) -> int:
     latest: dict[int, int] = {}  # the last child so far of each carrier
     for i, row in enumerate(rows[1:], start=1):
         parent = int(row[layout.PARENT])
-        row[layout.BRANCH_END] = _end(row)
+        row[layout.BRANCH_END] = row[layout.COORDINATE] + row[layout.JOINT] + row[layout.MODES]
         row[layout.RUN] = rows[i - 1][layout.RUN] if parent == i - 1 and i > 1 else i
         row[layout.SIBLING] = latest.get(parent, 0)
         latest[parent] = i

@@ -157,7 +157,7 @@ class ComponentPoints:
     axes: Array  # (3, 3) seen from the link frame
     count: int  # points, in whole lanes
     modes: int
-    bent: int  # of how many components of the points there is a Gamma
+    bent: int  # of how many numbers of the points there is a Gamma, in whole vectors of lanes
     constants: Array  # as the kernels' layout says
 
 
@@ -213,20 +213,21 @@ def component_points(
     """
     link, m = modes.link, modes.count
     axes, bent = kernel_axes(link, joint)
-    bent = bent if geometric else 0
     rows = link.points
     count = whole_lanes(len(rows))
     padded = np.zeros((count, rows.shape[1]))
     padded[: len(rows)] = rows
     phi = padded[:, 4 : 4 + 3 * m].reshape(count, m, 3) @ axes
-    gamma = second_order(link, padded[:, 4 + 3 * m :]) @ axes
+    first, second = np.tril_indices(m)
+    curves = (second_order(link, padded[:, 4 + 3 * m :]) @ axes)[:, first, second]
+    drawn = 3 * whole_lanes(-(-bent * count // 3)) if geometric else 0
     parts = (
         padded[:, 0],
         (padded[:, 1:4] @ axes).T,
         phi.transpose(1, 2, 0),
-        gamma[..., :bent].transpose(1, 2, 3, 0),
+        curves.transpose(1, 2, 0).reshape(-1, 3 * count)[:, :drawn],
     )
-    return ComponentPoints(axes, count, m, bent, np.concatenate([part.ravel() for part in parts]))
+    return ComponentPoints(axes, count, m, drawn, np.concatenate([part.ravel() for part in parts]))
 
 
 def section_of_modes(modes: ComponentModes, name: str, axes: Array, geometric: bool) -> Array:

@@ -41,6 +41,7 @@ NUMBERS = {
     'polar_inertia': 'kg m^2/m',
     'ea': 'N',
 }
+OF_SECTION = tuple(NUMBERS)[:5]
 PROFILE = 'profile'  # kind of a section with an outline of its own
 MOST_STATIONS = 1000
 SAME_STATION = 1e-9  # of the length
@@ -444,44 +445,43 @@ def _from_sections(
             got = f'{one.kind} and {next_.kind}'
             beam.findings.add(beam.whose, f'<section> of <at>: {rule}, got {got}')
             return Stations()
-    quantities: dict[str, Callable[[BeamSection], float]] = {
-        'ei_y': lambda each: each.flexural_rigidity('y'),
-        'ei_z': lambda each: each.flexural_rigidity('z'),
-        'gj': lambda each: each.torsional_rigidity,
-        'mass_per_length': lambda each: each.mass_per_length,
-        'polar_inertia': lambda each: each.polar_inertia,
-    }
     if any(each.kind == PROFILE for each in sections):
         # outlines have no sizes in common: their numbers are interpolated
-        found = {
-            name: mean_and_along(
-                *_sampled(x, np.nan_to_num([quantity(each) for each in sections]), interpolation)
-            )
-            for name, quantity in quantities.items()
-        }
+        numbers = np.nan_to_num([_numbers_of(each) for each in sections])
+        samples = [curve(sample_shares()) for curve in _interpolated(x, numbers, interpolation)]
         own = [each.section.axes or CENTRED for each in sections]
         rows = [dict(zip(AXES, axes.values(np.zeros(1))[0], strict=True)) for axes in own]
+        axes = _axes_along(x, rows, interpolation)
         warping = max(each.warping_rigidity for each in sections)
-        return Stations(found, _axes_along(x, rows, interpolation), warping)
-    found, breaks = {}, np.unique(x)
-    begins = np.flatnonzero(np.diff(x) > 0.0)
-    # sizes of each type stand in columns of their own
-    most = max(len(each.sizes) for each in sections)
-    rows_ = np.array(
-        [
+    else:
+        axes, warping = None, 0.0
+        # sizes of each type stand in columns of their own
+        most = max(len(each.sizes) for each in sections)
+        sizes = [
             [*each.sizes, *[0.0] * (most - len(each.sizes)), each.e, each.g, each.density]
             for each in sections
         ]
-    )
-    curves = _interpolated(x, np.nan_to_num(rows_), interpolation)
-    along = [
-        [_section(sections[begins[k]], row) for row in curves[k](sample_shares())]
-        for k in range(len(curves))
+        curves = _interpolated(x, np.nan_to_num(sizes), interpolation)
+        begins = np.flatnonzero(np.diff(x) > 0.0)
+        samples = [
+            np.array([_numbers_of(_section(sections[at], row)) for row in curve(sample_shares())])
+            for at, curve in zip(begins, curves, strict=True)
+        ]
+    found = {
+        name: mean_and_along(np.unique(x), [interval[:, k] for interval in samples])
+        for k, name in enumerate(OF_SECTION)
+    }
+    return Stations(found, axes, warping)
+
+
+def _numbers_of(section: BeamSection) -> list[float]:
+    """Return the numbers OF_SECTION."""
+    return [
+        *(section.flexural_rigidity(axis) for axis in 'yz'),
+        section.torsional_rigidity,
+        section.mass_per_length,
+        section.polar_inertia,
     ]
-    for name, quantity in quantities.items():
-        samples = [np.array([quantity(each) for each in interval]) for interval in along]
-        found[name] = mean_and_along(breaks, samples)
-    return Stations(found)
 
 
 def _section(like: BeamSection, row: Array) -> BeamSection:

@@ -19,6 +19,7 @@ from denoc_ros.types import Array
 ATTRIBUTES = ('link', 'file', 'stiffness', 'damping_ratio', 'damping', 'inertial')
 INERTIALS = ('urdf', 'file')  # whose mass and inertia the link has
 NEAR = 1e-6  # of the link's size: as near as a frame must be to be found by its place
+SAME_MASS = 1e-6  # of the link's: a mass that differs by less is that of the <inertial>
 ASIDE = 1e-3  # of the link's size: farther, a frame is not where its joint is
 
 
@@ -128,7 +129,7 @@ def component_link(
     whose, reduced = f'flexible {element.link!r}', element.modes.link
     own = RigidInertia(reduced.mass, reduced.mass * reduced.com, reduced.inertia)
     if element.inertial == 'file':
-        if inertia is not None and inertia.mass != own.mass:
+        if inertia is not None and abs(inertia.mass - own.mass) > SAME_MASS * own.mass:
             said = f'its file has {own.mass:.6g} kg, which the link takes'
             warnings.append(f'{whose}: <inertial> says {inertia.mass:.6g} kg, {said}')
         return FlexibleLink(np.eye(4), (), RigidInertia(), element.modes)

@@ -137,9 +137,6 @@ def constraints_to_arrays(
 
     Parameters
     ----------
-    tree : Tree
-    topology : rows of the bodies and frames
-    joint_rows, frame_rows : mapping of str to int
     start : int
         Where their constants start in constants.
     """

@@ -36,12 +36,6 @@ class Reader:
 
     Parameters
     ----------
-    element : lxml element
-        What is read.
-    whose : str
-        Its name in findings.
-    findings : Findings
-        Where findings go.
     label : str
         Stands behind the name of an attribute, such as ` (direction y)`.
     """

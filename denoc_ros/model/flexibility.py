@@ -93,17 +93,8 @@ def read_flexibility(root: Element, findings: Findings, folder: str = '') -> Fle
 
     Parameters
     ----------
-    root : lxml element
-        `<robot>`.
-    findings : Findings
-        Gathers what is wrong.
     folder : str
         Of the description's file, '' of a text.
-
-    Returns
-    -------
-    Flexibility
-        The elements that have no findings; all empty without a block.
     """
     blocks = root.findall('flexibility')
     if len(blocks) > 1:
@@ -159,11 +150,7 @@ def _add_sensors(
 
 
 def _add_component_link(
-    element: Element,
-    links: set[str],
-    flexibility: Flexibility,
-    folder: str,
-    findings: Findings,
+    element: Element, links: set[str], flexibility: Flexibility, folder: str, findings: Findings
 ) -> None:
     link = element.get('link', '')
     if link in flexibility.flexible_links | flexibility.component_names:
@@ -310,10 +297,7 @@ def _read_bendings(
 
 
 def _read_torsion(
-    reader: Reader,
-    section: BeamSection | None,
-    stations: Mapping[str, Profile],
-    segments: int,
+    reader: Reader, section: BeamSection | None, stations: Mapping[str, Profile], segments: int
 ) -> tuple[DeformationElement | None, float | None]:
     """Return the deformation and the polar inertia per length, None where not given."""
     element = at_most_one(reader, 'torsion')
@@ -398,24 +382,7 @@ class LoopElement:
 def read_loop(
     element: Element, links: Collection[str], names: set[str], findings: Findings
 ) -> LoopElement | None:
-    """Return a loop, None if it has findings.
-
-    Parameters
-    ----------
-    element : lxml element
-        `<loop>`.
-    links : collection of str
-        The robot's links.
-    names : set of str
-        Names of the loops before it; its own is added.
-    findings : Findings
-        Gathers what is wrong.
-
-    Returns
-    -------
-    LoopElement or None
-        As the file says it, axes made unit.
-    """
+    """Return a loop, None if it has findings."""
     before, name = len(findings.items), element.get('name', '')
     reader = Reader(element, f'loop {name!r}', findings)
     reader.only(('name', 'type'), ('parent', 'child', 'axis', 'axis2', 'dynamics'))
@@ -489,18 +456,8 @@ def read_spring(
 
     Parameters
     ----------
-    element : lxml element
-        `<spring>`.
-    root : lxml element
-        `<robot>`.
-    springs : mapping of str to Spring
-        The springs before it, by joint.
     findings : Findings
         Gathers what is wrong; with findings the numbers may be nan.
-
-    Returns
-    -------
-    tuple of str and Spring
     """
     name = element.get('joint', '')
     reader = Reader(element, f'spring of joint {name!r}', findings)
@@ -531,19 +488,7 @@ def check_springs(
     findings: Findings,
     warnings: list[str],
 ) -> None:
-    """Note springs of joints that a loop closes over, and those without a rotor's inertia.
-
-    Parameters
-    ----------
-    robot : RigidUrdf
-        Links and joints.
-    springs, armatures : mapping by joint
-    loops : iterable of LoopElement
-    findings : Findings
-        Gathers what is wrong.
-    warnings : list of str
-        Gathers what keeps forward dynamics from being solved.
-    """
+    """Note springs of joints that a loop closes over, and those without a rotor's inertia."""
     before = {joint.child: joint for joint in robot.joints if joint.kind is not JointKind.FIXED}
     over = {joint.child: joint for joint in robot.joints}
 

@@ -31,11 +31,6 @@ def from_centre(mass: float, com: Array, inertia: Array) -> RigidInertia:
         Centre of mass in the frame [m].
     inertia : ndarray (3, 3)
         Inertia about the centre of mass, axes of the frame [kg m^2].
-
-    Returns
-    -------
-    RigidInertia
-        About the frame's origin.
     """
     about_origin = inertia + mass * (com @ com * np.eye(3) - np.outer(com, com))
     return RigidInertia(mass, mass * com, about_origin)
@@ -46,8 +41,6 @@ def moved(body: RigidInertia, transform: Array) -> RigidInertia:
 
     Parameters
     ----------
-    body : RigidInertia
-        In its own frame.
     transform : ndarray (4, 4)
         Its frame seen from the other frame.
 
@@ -62,9 +55,7 @@ def moved(body: RigidInertia, transform: Array) -> RigidInertia:
     cross = np.outer(shift, turned)
     parallel -= cross + cross.T + body.mass * np.outer(shift, shift)
     return RigidInertia(
-        body.mass,
-        turned + body.mass * shift,
-        rotation @ body.inertia @ rotation.T + parallel,
+        body.mass, turned + body.mass * shift, rotation @ body.inertia @ rotation.T + parallel
     )
 
 
@@ -141,9 +132,7 @@ def beam_inertia(
     across = mass_per_length * length**3 * along.moment(2)
     first = mass_per_length * length**2 * along.moment(1)
     return RigidInertia(
-        mass,
-        np.array([first, 0.0, 0.0]),
-        np.diag([polar_inertia * length, across, across]),
+        mass, np.array([first, 0.0, 0.0]), np.diag([polar_inertia * length, across, across])
     )
 
 
@@ -198,8 +187,6 @@ def largest_mass_per_length(
         Of the beam [m].
     polar_inertia : float
         About the beam axis, per length [kg m^2/m].
-    along : Along, optional
-        Shares of the mass per length, which is a mean then.
 
     Returns
     -------
@@ -220,8 +207,6 @@ def largest_polar_inertia(link: RigidInertia, length: float) -> float:
 
     Parameters
     ----------
-    link : RigidInertia
-        The whole link, in the beam frame; its mass is > 0.
     length : float
         Of the beam [m].
 

@@ -10,13 +10,7 @@ from denoc_ros.errors import ConfigError
 
 
 class MappingReader:
-    """Reader of a configuration that gathers findings; it goes on after a wrong value.
-
-    Parameters
-    ----------
-    findings : list of str, optional
-        Takes the findings; default a new list.
-    """
+    """Reader of a configuration that gathers findings; it goes on after a wrong value."""
 
     def __init__(self, findings: list[str] | None = None) -> None:
         self.findings = [] if findings is None else findings

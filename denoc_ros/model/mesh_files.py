@@ -9,8 +9,6 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-import trimesh
-
 from denoc_ros.errors import ModelError
 from denoc_ros.model.findings import Reader
 
@@ -34,7 +32,6 @@ def named_file(reader: Reader, folder: str) -> Path | None:
 
     Parameters
     ----------
-    reader : Reader
     folder : str
         Of the description's file; '' of a text, where it must be an absolute path or a
         `package://` address.
@@ -74,6 +71,8 @@ def read_surface(file: Path) -> Any:
     ModelError
         For a file that is no mesh, or one without triangles.
     """
+    import trimesh  # here: it takes half a second, and most descriptions need none
+
     try:
         with _silent('trimesh'):
             mesh = trimesh.load(file, force='mesh', skip_materials=True)

@@ -456,27 +456,15 @@ class _Writer:
                 )  # fmt: skip
 
 
-def mjcf(
-    tree: Tree,
-    gravity: Array,
-    segments: int = SEGMENTS,
-    folder: Path | None = None,
-) -> Mjcf:
+def mjcf(tree: Tree, gravity: Array, segments: int = SEGMENTS, folder: Path | None = None) -> Mjcf:
     """Return a robot as MuJoCo's model.
 
     Parameters
     ----------
-    tree : Tree
     gravity : ndarray (3,)
         In the base frame [m/s^2].
     segments : int
         Number N of cells of each flexible link, 1 to 200.
-    folder : path, optional
-        Of the description, from which mesh files are looked for.
-
-    Returns
-    -------
-    Mjcf
 
     Raises
     ------
@@ -608,7 +596,6 @@ def _range(limits: Limits) -> dict[str, str]:
 
 
 def _pose(pose: Array) -> dict[str, str]:
-    """Return a pose (4, 4) as attributes."""
     x, y, z, w = Rotation.from_matrix(pose[:3, :3]).as_quat()
     turned = {} if np.array_equal(pose[:3, :3], np.eye(3)) else {'quat': _text(w, x, y, z)}
     return {'pos': _text(*pose[:3, 3]), **turned}

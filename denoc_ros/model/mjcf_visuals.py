@@ -36,28 +36,14 @@ def add_rod(element: Element, beam: Beam, length: float) -> None:
 
 
 def add_visuals(
-    source: str,
-    places: Mapping[str, tuple[Element, Array]],
-    asset: Element,
-    folder: Path | None,
+    source: str, places: Mapping[str, tuple[Element, Array]], asset: Element, folder: Path | None
 ) -> list[str]:
     """Add visuals and collision shapes of rigid links.
 
     Parameters
     ----------
-    source : str
-        The description.
     places : mapping of str to (element, (4, 4))
         Of each link the body that carries it, and its frame there.
-    asset : lxml element
-        `<asset>`, which gets the meshes.
-    folder : path or None
-        Of the description.
-
-    Returns
-    -------
-    list of str
-        What is left out.
     """
     notes: list[str] = []
     meshes: dict[Path, dict[str, str]] = {}

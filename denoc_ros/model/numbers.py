@@ -330,7 +330,6 @@ def with_numbers(tree: Tree, changes: Mapping[str, Any]) -> Tree | None:
 
     Parameters
     ----------
-    tree : Tree
     changes : mapping of str to number or sequence of numbers
         By dotted path, as :func:`denoc_ros.model.overrides.with_overrides` takes them.
 
@@ -395,13 +394,6 @@ def plain_paths(known: Collection[str], overrides: Mapping[str, Given]) -> dict[
     """Return overrides under their own paths, those that still hold.
 
     Of a beam's damping and damping_ratio the one given later holds.
-
-    Parameters
-    ----------
-    known : collection of str
-        The paths of a robot's numbers.
-    overrides : mapping
-        By either name.
 
     Raises
     ------

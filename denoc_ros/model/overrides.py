@@ -30,12 +30,7 @@ from denoc_ros.model.numbers import (
     other_names,
     plain_paths,
 )
-from denoc_ros.model.payloads import (
-    WHERE,
-    carrying_links,
-    read_payload,
-    with_payloads,
-)
+from denoc_ros.model.payloads import WHERE, carrying_links, read_payload, with_payloads
 from denoc_ros.model.poses import number_text, rotation_rpy, rpy_of
 from denoc_ros.model.source import parse_xml, read_source, written
 from denoc_ros.model.tree import INERTIAL_PARTS, Tree
@@ -59,11 +54,6 @@ def with_overrides(source: Tree | str | os.PathLike[str], overrides: Mapping[str
         A robot, a file's path or XML text. A tree's own overrides stay, unless given anew.
     overrides : mapping of str to number, text or sequence of numbers
         By dotted path; a payload is added rigidly to its link.
-
-    Returns
-    -------
-    Tree
-        The changed robot.
 
     Raises
     ------
@@ -96,15 +86,8 @@ def edited_description(source: str | os.PathLike[str], overrides: Mapping[str, A
 
     Parameters
     ----------
-    source : str or path
-        A file's path or XML text.
     overrides : mapping
         As `with_overrides`, without payloads: a description has no place for them.
-
-    Raises
-    ------
-    ConfigError, ModelError
-        As `with_overrides`.
     """
     where, text = read_source(source)
     description = _Description(parse_xml(where, text, whole=True))
@@ -119,9 +102,6 @@ class _Description:
 
     Attributes
     ----------
-    root : lxml element
-        `<robot>`.
-    paths : list of str
     payloads : dict of str to dict of str to array
         Those of the changes, by link and field.
     """
@@ -244,18 +224,7 @@ def _fit_to_segments(beam: Element) -> None:
 
 
 def with_held_base(text: str) -> str:
-    """Return a description whose floating joint is fixed: the base of all that it carries.
-
-    Parameters
-    ----------
-    text : str
-        The description.
-
-    Returns
-    -------
-    str
-        The same text where no joint floats.
-    """
+    """Return a description whose floating joint is fixed: the base of all that it carries."""
     root = parse_xml('robot description', text, whole=True)
     for joint in root.findall('joint'):
         if joint.get('type') == 'floating':
@@ -268,8 +237,6 @@ def remounted_description(source: str | os.PathLike[str], sensor: str, rotation:
 
     Parameters
     ----------
-    source : str or path
-        A file's path or XML text.
     sensor : str
         Name of an IMU or accelerometer.
     rotation : (3, 3) array

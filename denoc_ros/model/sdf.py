@@ -42,13 +42,8 @@ def sdf(tree: Tree, gravity: Array, segments: int = SEGMENTS, folder: Path | Non
 
     Parameters
     ----------
-    tree : Tree
     gravity : ndarray (3,)
         Of the MJCF model that it is made from; in SDF the world has it.
-    segments : int
-        Number of hinges of each flexible link, 1 to 200.
-    folder : path, optional
-        Of the description, from which mesh files are looked for.
 
     Raises
     ------
@@ -123,7 +118,6 @@ class _SdfWriter:
     def _link(
         self, model: Element, body: Element, name: str, parent: str, pose: Array, share: float
     ) -> Element:
-        """Add a link with a share of a body's inertia."""
         link = etree.SubElement(model, 'link', name=name)
         there = {} if parent == 'world' else {'relative_to': parent}
         etree.SubElement(link, 'pose', there).text = _six(pose)
@@ -139,7 +133,6 @@ class _SdfWriter:
         return link
 
     def _joint(self, model: Element, given: Element, parent: str, child: str) -> None:
-        """Add a joint with its spring, damping, friction and limits."""
         name = given.get('name')
         kind = 'prismatic' if given.get('type') == 'slide' else 'revolute'
         joint = etree.SubElement(model, 'joint', name=name, type=kind)
@@ -206,7 +199,6 @@ def _fixed(model: Element, name: str, parent: str, child: str) -> None:
 
 
 def _pose(element: Element) -> Array:
-    """Return the pose (4, 4) of an element of MJCF."""
     pose = np.eye(4)
     pose[:3, 3] = _numbers(element.get('pos', '0 0 0'))
     w, x, y, z = _numbers(element.get('quat', '1 0 0 0'))
@@ -215,7 +207,6 @@ def _pose(element: Element) -> Array:
 
 
 def _six(pose: Array) -> str:
-    """Return a pose as x y z roll pitch yaw."""
     angles = Rotation.from_matrix(pose[:3, :3]).as_euler('xyz')
     return _text(np.append(pose[:3, 3], angles))
 

@@ -79,7 +79,6 @@ def locate(length: float, segments: int, station: float) -> tuple[int, float]:
     ----------
     length : float
         Of the whole beam [m].
-    segments : int
     station : float
         On the whole beam [m]; beyond an end is that end.
 
@@ -102,10 +101,6 @@ def segment_shapes(modes: int, length: float) -> ShapeFunctions:
         1: the constant curvature that a moment at the tip makes; else so many Craig-Bampton ones.
     length : float
         Of the segment [m].
-
-    Returns
-    -------
-    ShapeFunctions
     """
     if modes > 1:
         return shape_functions('craig-bampton', modes, length)
@@ -123,10 +118,6 @@ def segment_torsion_shapes(modes: int, length: float) -> ShapeFunctions:
         diagonalized against stiffness and inertia.
     length : float
         Of the segment [m].
-
-    Returns
-    -------
-    ShapeFunctions
     """
     linear = np.array([[0.0, 1.0, 0.0, 0.0]])
     waves = np.zeros((modes - 1, 4))
@@ -165,13 +156,10 @@ def critical_damping(part: Deformation, inertia: float, along: Along, segments: 
 
     Parameters
     ----------
-    part : Deformation
-        Of the beam, or of a segment of it.
     inertia : float
         Mass [kg/m] or polar inertia [kg m^2/m] per length, the mean.
     along : Along
         Shares of the inertia along the beam or the segment.
-    segments : int
 
     Returns
     -------

@@ -40,21 +40,8 @@ def read_sensor(
 
     Parameters
     ----------
-    element : lxml element
-        `<sensor>`.
-    flexible : collection of str
-        Links with a beam.
-    components : collection of str
-        Links reduced from finite elements.
     names : set of str
         Names of the sensors before it; its own is added.
-    findings : Findings
-        Gathers what is wrong.
-
-    Returns
-    -------
-    SensorElement or None
-        As the file says it.
     """
     before, name = len(findings.items), element.get('name', '')
     reader = Reader(element, f'sensor {name!r}', findings)
@@ -100,8 +87,6 @@ def sensor_row(element: SensorElement, beam: Beam, station: float) -> Array:
 
     Parameters
     ----------
-    element : SensorElement
-        The sensor.
     beam : Beam
         The segment of its link's beam that holds it, bending in the sensor's direction.
     station : float
@@ -251,18 +236,8 @@ def read_inertial_sensor(
 
     Parameters
     ----------
-    element : lxml element
-        `<sensor>` of one of the types of `NOISES`.
-    links : collection of str
-        The robot's.
-    flexible : collection of str
-        Those with a beam.
-    names : set of str
-        Names of the sensors before it; its own is added.
     first : int
         Place of its first value among those of all sensors.
-    findings : Findings
-        Gathers what is wrong.
     """
     before, name = len(findings.items), element.get('name', '')
     reader = Reader(element, f'sensor {name!r}', findings)

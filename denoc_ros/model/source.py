@@ -18,17 +18,10 @@ TEXT_NAME = 'robot description'
 def read_source(source: str | os.PathLike[str]) -> tuple[str, str]:
     """Return where a robot description comes from, and its text.
 
-    Parameters
-    ----------
-    source : str or path
-        A file's path, or the XML text itself, which starts with `<`.
-
     Returns
     -------
     where : str
         The path, or `robot description` for a text.
-    text : str
-        The XML text.
 
     Raises
     ------
@@ -62,19 +55,8 @@ def parse_xml(where: str, text: str, whole: bool = False, root: str = 'robot') -
 
     Parameters
     ----------
-    where : str
-        Its name in errors.
-    text : str
-        The XML.
     whole : bool
         Whether comments and processing instructions stay, for a text that is written again.
-    root : str
-        Tag that the root element must have.
-
-    Returns
-    -------
-    lxml element
-        The root.
 
     Raises
     ------
@@ -111,15 +93,7 @@ def parse_xml(where: str, text: str, whole: bool = False, root: str = 'robot') -
 
 
 def written(root: Element, text: str) -> str:
-    """Return a changed description as text, with the declaration that it had.
-
-    Parameters
-    ----------
-    root : lxml element
-        `<robot>`, parsed `whole`.
-    text : str
-        What it was parsed from.
-    """
+    """Return a changed description as text, with the declaration that it had."""
     declaration = re.match(r'<\?xml.*?\?>\s*', text, re.DOTALL)
     edited = etree.tostring(root.getroottree(), encoding='unicode')
     return f'{declaration[0] if declaration else ""}{edited}\n'

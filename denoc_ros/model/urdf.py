@@ -17,10 +17,7 @@ from denoc_ros.model.flexibility import Flexibility, LoopElement, check_springs,
 from denoc_ros.model.inertia import inverse_transform, moved, total
 from denoc_ros.model.rigid_urdf import RigidUrdf, RigidUrdfJoint, read_rigid_urdf
 from denoc_ros.model.segments import locate
-from denoc_ros.model.sensors import (
-    make_sensor,
-    make_strain_sensor,
-)
+from denoc_ros.model.sensors import make_sensor, make_strain_sensor
 from denoc_ros.model.source import TEXT_NAME, parse_xml, read_source
 from denoc_ros.model.tree import (
     Attachment,
@@ -69,25 +66,9 @@ def tree_of(root: Element, where: str, text: str, folder: str | None = None) -> 
 
     Parameters
     ----------
-    root : lxml element
-        `<robot>`.
-    where : str
-        Its name in errors.
-    text : str
-        The description, kept in the tree as its source.
     folder : str, optional
         Of its file, which files that it names are relative to; None: that of `where`, if `where`
         is a file, else it is a text.
-
-    Returns
-    -------
-    Tree
-        As `load_tree`.
-
-    Raises
-    ------
-    ModelError
-        With every finding.
     """
     findings, warnings = Findings(), list[str]()
     robot = read_rigid_urdf(root, findings, warnings)
@@ -288,8 +269,6 @@ class Assembly:
 
         Parameters
         ----------
-        link : str
-            The link, already in the tree.
         origin : ndarray (4, 4)
             The frame seen from the link frame.
         names : collection of str
@@ -365,17 +344,6 @@ def assemble(
 ) -> Assembly:
     """Return the bodies of a robot without findings.
 
-    Parameters
-    ----------
-    robot : RigidUrdf
-        Links and joints, a tree.
-    flexible : mapping of str to FlexibleLink
-        The links with a beam.
-    armatures : mapping of str to float
-        By joint.
-    springs : mapping of str to Spring
-        By joint.
-
     Returns
     -------
     Assembly
@@ -417,10 +385,7 @@ def _add_root(assembly: Assembly, root: str, robot: RigidUrdf) -> None:
 
 
 def _add_link(
-    assembly: Assembly,
-    joint: RigidUrdfJoint,
-    inertia: RigidInertia | None,
-    moving: Joint,
+    assembly: Assembly, joint: RigidUrdfJoint, inertia: RigidInertia | None, moving: Joint
 ) -> None:
     at = _attach(assembly, joint)
     inertia = RigidInertia() if inertia is None else inertia

@@ -66,15 +66,6 @@ def arrived(subscription: Any, depth: int) -> Iterator[tuple[bytes, int, int, in
         yield raw, info['received_timestamp'], info['source_timestamp'], number
 
 
-def arrival(info: Mapping[str, int], before: float) -> float:
-    """Return when a message came that was alone, as :func:`arrivals` does."""
-    now = time.perf_counter()
-    came = now - 1e-9 * (time.time_ns() - info['received_timestamp'])
-    if came > now:
-        return now
-    return came if came > before else before
-
-
 def arrivals(infos: Sequence[Mapping[str, int]], before: float) -> list[float]:
     """Return when messages came, on the steady clock [s].
 
@@ -219,9 +210,12 @@ class Input:
         self.subscription = subscribed()
         self._numbered: Any = None  # a second subscription, where messages come with numbers
         self._publishers = self.subscription.handle.get_publisher_count
+        self._take_message = self.subscription.handle.take_message
         self._publishing = 0  # publishers after the last take
         self._active_publishers = ActivePublishers(monitor.max_publishers)
         self.number: int | None = None
+        # when the last message came that was alone, until the count of publishers knows of it
+        self._only: float | None = None
         self._stamp_ns = stamp_reader(message_type)
         # from when they count [ns], whether that is by their stamps, and who sends
         self._later: deque[tuple[int, bool, bytes, int]] = deque()
@@ -229,28 +223,38 @@ class Input:
 
     def take(self, subscription: Any = None) -> None:
         """Handle all that has arrived since the last call, at most a queue."""
-        before, now = self._last_take, time.perf_counter()
-        self._last_take = now
-        take, kind = (subscription or self.subscription).handle.take_message, self._kind
+        before, self._last_take = self._last_take, time.perf_counter()
+        take = self._take_message if subscription is None else subscription.handle.take_message
+        kind = self._kind
         first = take(kind, True)
-        more = None if first is None or self._depth == 1 else take(kind, True)
+        if first is None:
+            self._publishing = self._publishers()
+            if self._later:
+                self._give_due()
+            return
+        more = None if self._depth == 1 else take(kind, True)
         # counted after that, and before: what waited may be from one that came or went since
         publishers, publishing = self._publishers(), self._publishing
         self._publishing = publishers
         if publishers > publishing:
             publishing = publishers
-        if first is None:
-            if self._later:
-                self._give_due()
-            return
-        monitor, simulated = self.monitor, self._node.clock.is_simulated
-        if more is None and publishing <= monitor.max_publishers and not simulated:
+        simulated = self._node.clock.is_simulated
+        if more is None and publishing <= self.monitor.max_publishers and not simulated:
             raw, info = first
-            if not self._waits(raw):  # as nearly every tick
-                self.number = number = info['publication_sequence_number']
-                self._active_publishers.saw(number, now)
-                self._give(raw, arrival(info, before), publishing)
+            if self._is_heavy is never_heavy or not self._waits(raw):  # as nearly every tick
+                self.number = info['publication_sequence_number']
+                self._only = self._last_take
+                now = time.perf_counter()
+                came = now - 1e-9 * (time.time_ns() - info['received_timestamp'])
+                # as `arrivals` does
+                self._give(
+                    raw, now if came > now else before if came < before else came, publishing
+                )
                 return
+        now = self._last_take
+        if self._only is not None:
+            self._active_publishers.saw(self.number, self._only)
+            self._only = None
         waiting = [first]
         if more is not None:
             waiting += [more, *_taken(take, kind, self._depth - 2)]
@@ -274,9 +278,7 @@ class Input:
 
     def _waits(self, raw: bytes) -> bool:
         """Say whether a message is too long for a loop, or comes after one that is."""
-        if self._heavy or self._handles_heavy:
-            return True
-        return self._is_heavy is not never_heavy and self._is_heavy(raw)
+        return bool(self._heavy) or self._handles_heavy or self._is_heavy(raw)
 
     def _queue(self, raw: bytes, sending: int) -> None:
         """Let a message wait for the simulated time from which it counts."""

@@ -63,21 +63,22 @@ def exact_bytes(message: object) -> bytes:
 
 
 class _Prebuilt:
-    """Bytes with a stamp at the front."""
+    """Bytes, with a stamp at the front where the type has a header."""
 
     _raw: bytearray
+    _has_header = True
 
-    def stamp(self, stamp_ns: int) -> None:
-        """Write the header's stamp [ns]."""
-        self._raw[4:12] = stamp_bytes(stamp_ns)
-
-    def bytes(self) -> bytes:
-        """Return the message, ready for `Publisher.publish`."""
+    def bytes(self, stamp_ns: int | None = None) -> bytes:
+        """Return the message, ready for `Publisher.publish`, with a new stamp [ns] if given."""
+        if stamp_ns is not None and self._has_header:
+            self._raw[4:12] = stamp_bytes(stamp_ns)
         return bytes(self._raw)
 
 
 class CommandMessage(_Prebuilt):
     """A Float64MultiArray whose `layout.dim[0].label` names the joints: write `values`."""
+
+    _has_header = False
 
     def __init__(self, joints: Sequence[str]) -> None:
         count = len(joints)
@@ -92,15 +93,14 @@ class CommandMessage(_Prebuilt):
         )
         self.values[:] = 0.0
 
-    def stamp(self, stamp_ns: int) -> None:
-        """Do nothing: the type has no header."""
-
 
 class ImpedanceCommandMessage(_Prebuilt):
     """A Float64MultiArray of rows, one a joint: write `values` (joints, 5).
 
     `layout.dim[0].label` names the joints, `layout.dim[1].label` the columns: `IMPEDANCE`.
     """
+
+    _has_header = False
 
     def __init__(self, joints: Sequence[str]) -> None:
         count, width = len(joints), len(IMPEDANCE)
@@ -117,19 +117,15 @@ class ImpedanceCommandMessage(_Prebuilt):
         self.values: Array = flat.reshape(count, width)
         self.values[:] = 0.0
 
-    def stamp(self, stamp_ns: int) -> None:
-        """Do nothing: the type has no header."""
-
 
 class FloatMessage(_Prebuilt):
     """A Float64: write `values[0]`."""
 
+    _has_header = False
+
     def __init__(self) -> None:
         self._raw = bytearray(serialize_message(Float64(data=0.0)))
         self.values: Array = np.frombuffer(self._raw, '<f8', 1, 4)
-
-    def stamp(self, stamp_ns: int) -> None:
-        """Do nothing: the type has no header."""
 
 
 class TrajectoryPointMessage(_Prebuilt):

@@ -450,8 +450,7 @@ class PlantNode(RobotNode):
             self._generator.standard_normal(out=self._noise)
             self._noise *= deviation
             values += self._noise
-        state.stamp(stamp_ns)
-        self._send_state(state.bytes())
+        self._send_state(state.bytes(stamp_ns))
         if self.sensors:
             self.sensors.send(stamp_ns, simulated.sensor_values())
         if self.inertial_sensors:
@@ -463,8 +462,7 @@ class PlantNode(RobotNode):
         if self._deflection_listeners():
             bent = self._deflection_message
             simulated.tip_deflections(*self._deflection_arrays)
-            bent.stamp(stamp_ns)
-            self._send_deflection(bent.bytes())
+            self._send_deflection(bent.bytes(stamp_ns))
         if self._modal_listeners():
             self._send_modal(self._modal_message.encode(stamp_ns, simulated.q, simulated.qd))
 

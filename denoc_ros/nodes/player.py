@@ -155,10 +155,8 @@ class Player(WithoutEvents):
         point.positions[:] = motion.position[k]
         point.velocities[:] = motion.velocity[k]
         point.accelerations[:] = motion.acceleration[k]
-        state.stamp(stamp_ns)
-        point.stamp(stamp_ns)
-        self._state.publish(state.bytes())
-        self._reference.publish(point.bytes())
+        self._state.publish(state.bytes(stamp_ns))
+        self._reference.publish(point.bytes(stamp_ns))
 
     def _wait_for(self, listeners: Sequence[str]) -> None:
         end = time.perf_counter() + DISCOVERY_TIMEOUT

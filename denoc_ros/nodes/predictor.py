@@ -101,21 +101,21 @@ class PredictorOutputs:
         listeners = self._listeners
         if listeners['tip_deflection']():
             observer.deflections.evaluate(observer.q, observer.qd, out=self._deflection_arrays)
-            self._send('tip_deflection', self._deflection, stamp_ns)
+            self._sends['tip_deflection'](self._deflection.bytes(stamp_ns))
         if listeners['modal_state']():
             observer.modal_state(self._modal_arrays)
-            self._send('modal_state', self._modal, stamp_ns)
+            self._sends['modal_state'](self._modal.bytes(stamp_ns))
 
     def send_ahead(self, stamp_ns: int, q: Array, qd: Array, deflections: TipDeflections) -> None:
         """Publish predicted tip deflections; the stamp is the time they are for."""
         deflections.evaluate(q, qd, out=self._ahead_arrays)
-        self._send('tip_deflection_predicted', self._ahead, stamp_ns)
+        self._sends['tip_deflection_predicted'](self._ahead.bytes(stamp_ns))
 
     def send_pose(self, stamp_ns: int, pose: Array) -> None:
         """Publish the pose (4, 4) of the deflected end effector."""
         self._place[:] = pose[:3, 3]
         write_quaternion(pose, self._turned)
-        self._send('tip_pose', self._pose, stamp_ns)
+        self._sends['tip_pose'](self._pose.bytes(stamp_ns))
 
     def send_residual(self, stamp_ns: int, sensors: SensorInputs, predicted: Array) -> None:
         """Publish measured minus predicted of the sensors heard so far."""
@@ -128,7 +128,7 @@ class PredictorOutputs:
             self._heard = names
             self._residual = JointStateMessage(names, ('position',))
         self._residual.position[:] = gap[heard]
-        self._send('sensor_residual', self._residual, stamp_ns)
+        self._sends['sensor_residual'](self._residual.bytes(stamp_ns))
 
     def send_parameters(self, stamp_ns: int, tracker: ParameterTracker) -> None:
         """Publish numbers of the model that are tracked: value and standard deviation."""
@@ -136,11 +136,7 @@ class PredictorOutputs:
             self._parameters = JointStateMessage(tracker.paths, ('position', 'effort'))
         self._parameters.position[:] = tracker.values
         self._parameters.effort[:] = tracker.deviations
-        self._send('model_parameters', self._parameters, stamp_ns)
-
-    def _send(self, topic: str, message: JointStateMessage | PoseMessage, stamp_ns: int) -> None:
-        message.stamp(stamp_ns)
-        self._sends[topic](message.bytes())
+        self._sends['model_parameters'](self._parameters.bytes(stamp_ns))
 
 
 class PredictorNode(RobotNode):

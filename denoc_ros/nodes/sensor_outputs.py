@@ -91,8 +91,7 @@ class _Topic:
 
     def send(self, stamp_ns: int, raw: Array) -> None:
         self._values[self._to] = raw[self._from]
-        self._message.stamp(stamp_ns)
-        self._publish(self._message.bytes())
+        self._publish(self._message.bytes(stamp_ns))
 
 
 class InertialOutputs:
@@ -157,8 +156,7 @@ class _Output:
         if self._is_noisy:
             reading += self._deviation * generator.standard_normal(len(reading))
         self._message.write(reading)
-        self._message.stamp(stamp_ns)
-        self._publish(self._message.bytes())
+        self._publish(self._message.bytes(stamp_ns))
 
 
 def _per_axis(gyro: float, accel: float, count: int) -> Array:

@@ -380,8 +380,7 @@ class ShaperNode(RobotNode):
         self._known = self.stream.last
         point = self._point
         point.positions[:], point.velocities[:], point.accelerations[:] = row
-        point.stamp(self._stamp_of(now))
-        self._reference.publish(point.bytes())
+        self._reference.publish(point.bytes(self._stamp_of(now)))
 
     @property
     def holds_time(self) -> bool:

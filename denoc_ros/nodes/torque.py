@@ -307,11 +307,10 @@ class TorqueOutput:
         if not self._effort_listeners():
             return
         message = self._effort
-        message.stamp(stamp_ns)
         message.position[:] = q
         message.velocity[:] = qd
         message.effort[:] = torque
-        self._publish_effort(message.bytes())
+        self._publish_effort(message.bytes(stamp_ns))
 
 
 class BaseWrench:

@@ -358,7 +358,7 @@ def reduce_beam(
     source: str,
     report: Report = lambda share: None,
 ) -> Reduction:
-    """Reduce a `<beam>`.
+    """Reduce a `<beam>`; other parameters and errors as of `link.reduce_link`.
 
     Parameters
     ----------
@@ -368,18 +368,6 @@ def reduce_beam(
     outer : mapping
         Frames of the link by name, pose (4, 4); each is fixed to the section at its place along
         the beam. A beam with none beyond its root has the frame `tip`.
-    wishes : Wishes
-    source : str
-        For the file.
-    report : callable
-        Takes the share of the work that is done.
-
-    Raises
-    ------
-    ModelError
-        For a beam that cannot be reduced.
-    SolverError
-        If modes do not converge.
     """
     sections = BeamSections.of(element, inertia)
     backward = inverse_transform(element.origin)

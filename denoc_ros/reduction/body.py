@@ -30,6 +30,8 @@ class FiniteElementBody:
 
     `dof_nodes` and `dof_axes` (N,) say what a row of the matrices is: a node, and 0 to 2 for a
     displacement along x, y, z, 3 to 5 for a turn; by default all nodes' x, then y, then z.
+    `interpolation` (n, c) gives a value at all nodes from those at the vertices, which come first;
+    None for matrices whose elements are not known.
     """
 
     where: str
@@ -38,6 +40,7 @@ class FiniteElementBody:
     mass: Any  # (N, N) csr
     dof_nodes: Rows = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     dof_axes: Rows = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    interpolation: Any = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         count = len(self.nodes)

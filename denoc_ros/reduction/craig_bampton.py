@@ -8,6 +8,7 @@ forces at the outer frames take the places of the highest ones, so that sag is e
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -26,8 +27,14 @@ Ties = Sequence[tuple[Rows, Array]]
 
 SPARE = 12  # modes with patches clamped beyond those kept: the kept ones are exact to 1e-4 or so
 LOST = 1e-3  # of a frame's largest compliance: more, and the direction has a static column
-HALVED = 300_000  # rows: more are factored in single precision
-REFINED, MOST_REFINED = 1e-12, 60  # residual, and steps to it
+FACTORED = 150_000  # rows: a stiffness of elements that has more is solved on two grids
+REFINED, MOST_STEPS = 1e-10, 500  # residual, and steps to it
+# of the smoothing: products with the matrix, high frequencies over low ones, steps to the highest
+SMOOTHINGS, BAND, POWERS = 3, 6.0, 15
+# vectors beyond those wanted, steps, residual of forces aimed at and the largest allowed: an
+# eigenvalue is exact to its square
+GUARDS, BLOCK_STEPS, BLOCK_RESIDUAL, LARGEST_RESIDUAL = 6, 40, 1e-6, 1e-4
+BETTER = 'use another edge, for flat elements hinder them'
 RESIDUAL = 1e-6  # of a load, in its equation: beyond it the stiffness is singular
 SINGULAR = 1e-10  # of the largest stiffness of patches
 TOLERANCE = 1e-10  # of eigenvalues
@@ -37,9 +44,6 @@ Report = Callable[[float], None]  # takes the share of the work that is done
 
 class Factor:
     """Factor of a symmetric positive definite matrix (N, N), ordered by nested dissection.
-
-    Beyond HALVED rows it is of single precision, half the memory, and conjugate gradients refine
-    what it gives to double precision; slender bodies, for which that fails, have small factors.
 
     Parameters
     ----------
@@ -59,17 +63,9 @@ class Factor:
         self.where = where
         self.matrix = matrix.tocsr()
         self.order = _dissected(self.matrix, groups)
-        self.halved = matrix.shape[0] > HALVED
-        self.scale = np.ones(matrix.shape[0])
-        if self.halved:
-            self.scale = 1.0 / np.sqrt(np.maximum(self.matrix.diagonal(), 1e-300))
-        scale = sparse.diags_array(self.scale[self.order])
-        ordered = (scale @ self.matrix[self.order][:, self.order] @ scale).tocsc()
-        if self.halved:
-            ordered = ordered.astype(np.float32)
         try:
             self.factors = sparse_linalg.splu(
-                ordered,
+                self.matrix[self.order][:, self.order].tocsc(),
                 permc_spec='NATURAL',
                 diag_pivot_thresh=0.0,
                 options={'SymmetricMode': True},
@@ -83,29 +79,8 @@ class Factor:
 
     def solve(self, load: Array) -> Array:
         """Return the solution (N,) or (N, k) under loads of the same shape."""
-        if not self.halved:
-            return self._substitute(load)
-        if load.ndim > 1:
-            return np.stack([self.solve(column) for column in load.T], axis=1)
-        shape = self.matrix.shape
-        nearly = sparse_linalg.LinearOperator(shape, self._substitute, dtype=np.float64)
-        found, failed = sparse_linalg.cg(
-            self.matrix, load, M=nearly, rtol=REFINED, maxiter=MOST_REFINED
-        )
-        if failed:
-            rule = f'single precision must do for {shape[0]} rows: use a larger edge'
-            raise SolverError(f'{self.where}: {rule}, got none in {MOST_REFINED} refinements')
-        return np.asarray(found)
-
-    def _substitute(self, load: Array) -> Array:
-        """Return the factor's solution for loads."""
-        scale = self.scale[self.order]
-        scale = scale if load.ndim == 1 else scale[:, None]
-        ordered = np.ascontiguousarray(scale * load[self.order])
-        if self.halved:
-            ordered = ordered.astype(np.float32)
         found = np.empty_like(load, dtype=np.float64)
-        found[self.order] = scale * self.factors.solve(ordered)
+        found[self.order] = self.factors.solve(np.ascontiguousarray(load[self.order]))
         return found
 
     def modes(self, mass: Any, count: int) -> tuple[Array, Array]:
@@ -123,6 +98,99 @@ class Factor:
         except sparse_linalg.ArpackError as error:
             raise SolverError(f'{self.where}: modes must converge, got: {error}') from error
         return values, vectors
+
+
+class TwoGrids:
+    """Solver of a large stiffness of ten-node elements, whose memory grows with its nodes.
+
+    Conjugate gradients, preconditioned by the factor of the four-node elements with the same
+    vertices, between Chebyshev smoothings (Adams, Brezina, Hu, Tuminaro, J. Comput. Phys. 188,
+    2003).
+
+    Parameters
+    ----------
+    where, matrix
+        As of :class:`Factor`, whose errors are those of this.
+    interpolation : sparse matrix (N, c)
+        Values of all rows from those of the four-node elements.
+    coarse_groups : ndarray (c,)
+    """
+
+    def __init__(self, where: str, matrix: Any, interpolation: Any, coarse_groups: Rows) -> None:
+        self.where, self.matrix, self.interpolation = where, matrix.tocsr(), interpolation.tocsr()
+        self.coarse = Factor(where, self._coarse(self.matrix), coarse_groups)
+        self.inverse = 1.0 / self.matrix.diagonal()
+        vector = np.random.default_rng(1).standard_normal(matrix.shape[0])
+        for _ in range(POWERS):
+            vector = self.inverse * (self.matrix @ vector)
+            self.largest = float(np.linalg.norm(vector))
+            vector /= self.largest
+
+    def _coarse(self, matrix: Any) -> Any:
+        return (self.interpolation.T @ matrix @ self.interpolation).tocsr()
+
+    def solve(self, load: Array) -> Array:
+        """Return the solution (N,) or (N, k) under loads of the same shape."""
+        if load.ndim > 1:
+            return np.stack([self.solve(column) for column in load.T], axis=1)
+        found, failed = sparse_linalg.cg(
+            self.matrix, load, M=self._preconditioner(), rtol=REFINED, maxiter=MOST_STEPS
+        )
+        if failed:
+            rule = f'conjugate gradients must converge for {len(load)} rows: {BETTER}'
+            raise SolverError(f'{self.where}: {rule}, got none in {MOST_STEPS} steps')
+        return np.asarray(found)
+
+    def _preconditioner(self) -> Any:
+        return sparse_linalg.LinearOperator(
+            self.matrix.shape, matvec=self._nearly, matmat=self._nearly, dtype=np.float64
+        )
+
+    def _nearly(self, load: Array) -> Array:
+        """Return nearly the solution for loads (N, ...)."""
+        found = self._smoothed(load)
+        left = self.interpolation.T @ (load - self.matrix @ found)
+        found += self.interpolation @ self.coarse.solve(left)
+        return found + self._smoothed(load - self.matrix @ found)
+
+    def _smoothed(self, load: Array) -> Array:
+        """Return the polynomial of the scaled matrix that solves for its high frequencies."""
+        high = 1.1 * self.largest
+        middle, half = 0.5 * high * (1.0 + 1.0 / BAND), 0.5 * high * (1.0 - 1.0 / BAND)
+        inverse = self.inverse.reshape(-1, *[1] * (load.ndim - 1))
+        step, rate = inverse * load / middle, half / middle
+        found, left = step, load
+        for _ in range(SMOOTHINGS - 1):
+            left = left - self.matrix @ step
+            before, rate = rate, 1.0 / (2.0 * middle / half - rate)
+            step = rate * before * step + (2.0 * rate / half) * inverse * left
+            found = found + step
+        return np.asarray(found)
+
+    def modes(self, mass: Any, count: int) -> tuple[Array, Array]:
+        """Return the lowest eigenvalues (k,) and mass-orthonormal vectors (N, k), by LOBPCG."""
+        values, start = self.coarse.modes(self._coarse(mass), count + GUARDS)
+        start = self.interpolation @ start
+        smallest = float(np.linalg.norm((mass @ start) * values, axis=0).min())
+        with warnings.catch_warnings():
+            warnings.simplefilter('ignore')  # of the guards, which need not converge
+            values, vectors = sparse_linalg.lobpcg(
+                self.matrix,
+                start,
+                mass,
+                self._preconditioner(),
+                tol=BLOCK_RESIDUAL * smallest,
+                maxiter=BLOCK_STEPS,
+                largest=False,
+            )
+        values, vectors = values[:count], vectors[:, :count]
+        force = self.matrix @ vectors
+        off = np.linalg.norm(force - (mass @ vectors) * values, axis=0)
+        worst = float((off / np.linalg.norm(force, axis=0)).max(initial=0.0))
+        if not worst < LARGEST_RESIDUAL:
+            rule = f'modes must converge: {BETTER}'
+            raise SolverError(f'{self.where}: {rule}, got a residual of {worst:.3g}')
+        return np.asarray(values), np.asarray(vectors)
 
 
 def _singular(got: str) -> str:
@@ -156,7 +224,7 @@ class Craigs:
     patches: Sequence[Patch]  # the root first
     interior: Rows
     ties: Ties  # rows of a patch, their motion (r, 6)
-    factor: Factor
+    factor: Factor | TwoGrids
     static: Array
     clamped: Array
     stiffness: Array
@@ -236,7 +304,7 @@ def reduce_body(
         bound[rows] = True
     interior = np.flatnonzero(~bound)
     stiffness, mass = body.stiffness[interior][:, interior], body.mass[interior][:, interior]
-    factor = Factor(body.where, stiffness, body.dof_nodes[interior])
+    factor = _solver(body, stiffness, interior, ~bound)
     report(0.5)
     coupled = _projected(body.stiffness, interior, ties[1:])
     coupled_mass = _projected(body.mass, interior, ties[1:])
@@ -270,6 +338,19 @@ def reduce_body(
         np.block([[outer_stiffness, zero.T], [zero, np.diag(values)]]),
         np.block([[outer_mass, between.T], [between, np.eye(len(values))]]),
     )
+
+
+def _solver(
+    body: FiniteElementBody, stiffness: Any, interior: Rows, free: Any
+) -> Factor | TwoGrids:
+    """Return the solver of the rows that are free."""
+    if body.interpolation is None or len(interior) <= FACTORED:
+        return Factor(body.where, stiffness, body.dof_nodes[interior])
+    nodes, vertices = body.interpolation.shape
+    rows = np.concatenate([np.arange(vertices) + axis * nodes for axis in range(3)])
+    kept = np.flatnonzero(free[rows])
+    between = sparse.block_diag([body.interpolation] * 3, 'csr')[interior][:, kept]
+    return TwoGrids(body.where, stiffness, between, body.dof_nodes[rows[kept]])
 
 
 def _balanced(matrix: Any) -> Array:

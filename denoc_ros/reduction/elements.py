@@ -136,8 +136,19 @@ class Solid:
         stiffness = sparse.bmat(blocks, format='csr')
         mass = self._mass()
         return FiniteElementBody(
-            self.where, self.nodes, stiffness, sparse.block_diag([mass] * 3, 'csr')
+            self.where,
+            self.nodes,
+            stiffness,
+            sparse.block_diag([mass] * 3, 'csr'),
+            interpolation=self._interpolation(),
         )
+
+    def _interpolation(self) -> Any:
+        """Return the values (n, c) at all nodes from those at vertices: means at middles."""
+        count, edges = self.mesh.p.shape[1], self.mesh.edges
+        middles = np.tile(np.arange(edges.shape[1]), 2)
+        means = sparse.coo_matrix((np.full(len(middles), 0.5), (middles, edges.ravel())))
+        return sparse.vstack([sparse.eye_array(count), means], format='csr')
 
     def _mass(self) -> Any:
         density = self.elasticity.density

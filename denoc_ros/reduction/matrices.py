@@ -6,7 +6,8 @@
 GENERATE`, which says node and direction of each entry.
 `.sti`, `.mas`, `.dof`: CalculiX, `*FREQUENCY, SOLVER=MATRIXSTORAGE`.
 `.op4`: Nastran, by pyyeti; rows are six of each node, in the order of the nodes' numbers, or the
-analysis set that an `.op2` file with the nodes says.
+rows that an `.op2` file with the nodes says.
+`.op2`: Nastran, matrices and nodes in one file.
 `.full`: Ansys, by ansys-mapdl-reader; nodes in an `.rst` file or a table.
 
 Numbers only are read: nothing in a file is ever executed.
@@ -20,6 +21,7 @@ import io
 import zipfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -33,7 +35,7 @@ from denoc_ros.reduction.apart import arrays_of
 from denoc_ros.reduction.body import FiniteElementBody
 from denoc_ros.types import Array
 
-FORMATS = ('.npz', '.mtx', '.sti', '.op4', '.full')
+FORMATS = ('.npz', '.mtx', '.sti', '.op4', '.op2', '.full')
 MOST_BYTES = 4 << 30  # of a file, or of the arrays of an archive
 MARKET = b'%%MatrixMarket'
 Rows = NDArray[np.int64]
@@ -73,6 +75,7 @@ def read_matrices(
         '.mtx': _read_text,
         '.sti': _read_calculix,
         '.op4': _read_nastran,
+        '.op2': _read_nastran,
         '.full': _read_ansys,
     }
     for file in (stiffness, *(Path(name) for name in (mass, nodes) if name)):
@@ -292,18 +295,13 @@ def _read_calculix(file: Path, mass: Path | None, nodes: Path | None) -> FiniteE
 
 
 def _read_nastran(file: Path, mass: Path | None, nodes: Path | None) -> FiniteElementBody:
+    nodes = nodes or (file if file.suffix.lower() == '.op2' else None)
     if nodes is None:
         raise _lacks(file, 'nodes', '--nodes FILE with number, x, y, z, or an .op2 file')
-    found = _op4(file)
+    found = _nastran_matrices(file)
     if mass is not None:
-        found |= _op4(mass)
-    both = []
-    for name, first in (('stiffness', 'K'), ('mass', 'M')):
-        names = [each for each in found if each.upper().startswith(first)]
-        if len(names) != 1:
-            rule = f'one matrix must be the {name}, named {first}…'
-            raise ModelError(str(file), [f'{rule}, got {", ".join(found) or "none"}'])
-        both.append(found[names[0]])
+        found |= _nastran_matrices(mass)
+    both = [found[name]() for name in _pair(file, list(found))]
     if nodes.suffix.lower() == '.op2':
         return _of_sets(file, nodes, both)
     table = _node_table(nodes)
@@ -311,21 +309,90 @@ def _read_nastran(file: Path, mass: Path | None, nodes: Path | None) -> FiniteEl
     return _whole(str(file), table.places[order], *both)
 
 
-def _of_sets(file: Path, nodes: Path, both: Sequence[Any]) -> FiniteElementBody:
-    """Return a body whose nodes, and the rows of its analysis set, an output2 file says."""
+def _pair(file: Path, names: Sequence[str]) -> list[str]:
+    """Return the names of stiffness and mass: of all rows, of the analysis set, the only ones."""
+    of = {name.upper(): name for name in names}
+    for rows in ('GG', 'AA'):
+        if {f'K{rows}', f'M{rows}'} <= set(of):
+            return [of[f'K{rows}'], of[f'M{rows}']]
+    pair = []
+    for name, first in (('stiffness', 'K'), ('mass', 'M')):
+        starting = [each for each in names if each.upper().startswith(first)]
+        if len(starting) != 1:
+            rule = f'one matrix must be the {name}, named {first}…'
+            raise ModelError(str(file), [f'{rule}, got {", ".join(names) or "none"}'])
+        pair += starting
+    return pair
+
+
+def _nastran_matrices(file: Path) -> dict[str, Callable[[], Any]]:
+    """Return the readers of a file's matrices by name."""
+    if file.suffix.lower() == '.op2':
+        sizes = _output2(file, _output2_sizes, 'a whole output2 file')
+        return {name: partial(_output2_matrix, file, name, size) for name, size in sizes.items()}
     try:
-        from pyyeti.nastran import n2p, op2
+        from pyyeti.nastran import op4
     except ImportError as error:
-        raise _no_reader(nodes, 'Nastran', 'pyyeti', 'nastran', error) from error
+        raise _no_reader(file, 'Nastran', 'pyyeti', 'nastran', error) from error
     try:
-        with contextlib.redirect_stdout(io.StringIO()), op2.OP2(str(nodes)) as opened:
-            sets = opened.rdn2cop2()['uset']
-        uset = sets[0] if 0 in sets else next(iter(sets.values()))
-        analysis = np.asarray(n2p.mksetpv(uset, 'p', 'a'))
+        found = op4.read(str(file), sparse=True)
     except Exception as error:  # torn files end in errors of many kinds
         got = str(error) or type(error).__name__
-        rule = 'the file must be an output2 file with BGPDT, EQEXIN and USET'
-        raise ModelError(str(nodes), [f'{rule}, got: {got}']) from error
+        rule = 'the file must be a whole output4 file'
+        raise ModelError(str(file), [f'{rule}, got: {got}']) from error
+    return {str(name): partial(_real, file, name, matrix) for name, matrix in found.items()}
+
+
+def _output2_sizes(opened: Any) -> dict[str, tuple[int, int]]:
+    """Return the numbers of rows and columns of an output2 file's matrices."""
+    return {
+        name: blocks[-1].size for name, blocks in opened.dbdct.items() if blocks[-1].dbtype == 1
+    }
+
+
+def _output2_matrix(file: Path, name: str, size: tuple[int, int]) -> Any:
+    # the reader makes a dense matrix of it
+    if 8 * size[0] * size[1] > MOST_BYTES:
+        most = int(np.sqrt(MOST_BYTES / 8))
+        rule = f'matrix {name} must have at most {most} rows in an output2 file'
+        way = 'write it by OUTPUT4, which is read as it is'
+        raise ModelError(str(file), [f'{rule}, got {size[0]} x {size[1]}: {way}'])
+    found = _output2(file, lambda opened: opened.rdop2mats([name]), f'whole matrix {name}')
+    return _real(file, name, found[name])
+
+
+def _real(file: Path, name: str, matrix: Any) -> Any:
+    if np.iscomplexobj(matrix):
+        raise ModelError(str(file), [f'matrix {name} must be real, got complex numbers'])
+    return sparse.csr_matrix(matrix, dtype=np.float64)
+
+
+def _output2(file: Path, read: Callable[[Any], Any], what: str) -> Any:
+    """Return what a function reads of an output2 file."""
+    try:
+        from pyyeti.nastran import op2
+    except ImportError as error:
+        raise _no_reader(file, 'Nastran', 'pyyeti', 'nastran', error) from error
+    try:
+        with contextlib.redirect_stdout(io.StringIO()), op2.OP2(str(file)) as opened:
+            return read(opened)
+    except Exception as error:  # torn files end in errors of many kinds
+        got = str(error) or type(error).__name__
+        raise ModelError(str(file), [f'the file must be {what}, got: {got}']) from error
+
+
+def _sets(opened: Any) -> tuple[Any, Any]:
+    """Return the table of rows, and which are of the analysis set."""
+    from pyyeti.nastran import n2p
+
+    sets = opened.rdn2cop2()['uset']
+    uset = sets[0] if 0 in sets else next(iter(sets.values()))
+    return uset, np.asarray(n2p.mksetpv(uset, 'p', 'a'))
+
+
+def _of_sets(file: Path, nodes: Path, both: Sequence[Any]) -> FiniteElementBody:
+    """Return a body whose nodes, and the rows of its analysis set, an output2 file says."""
+    uset, analysis = _output2(nodes, _sets, 'an output2 file with BGPDT, EQEXIN and USET')
     values = uset[['x', 'y', 'z']].to_numpy(dtype=np.float64)
     names = uset.index.get_level_values('id').to_numpy(dtype=np.int64)
     directions = uset.index.get_level_values('dof').to_numpy(dtype=np.int64)
@@ -406,20 +473,6 @@ def _ansys_arrays(file: Path, what: str) -> dict[str, Any]:
         raise _no_reader(file, 'Ansys', 'ansys-mapdl-reader', 'ansys')
     script = str(Path(__file__).with_name('ansys_reader.py'))
     return arrays_of(script, file, str(file), f'the file must be {what}')
-
-
-def _op4(file: Path) -> dict[str, Any]:
-    try:
-        from pyyeti.nastran import op4
-    except ImportError as error:
-        raise _no_reader(file, 'Nastran', 'pyyeti', 'nastran', error) from error
-    try:
-        found = op4.read(str(file), sparse=True)
-    except Exception as error:  # torn files end in errors of many kinds
-        got = str(error) or type(error).__name__
-        rule = 'the file must be a whole output4 file'
-        raise ModelError(str(file), [f'{rule}, got: {got}']) from error
-    return {str(name): matrix for name, matrix in found.items()}
 
 
 def _table(file: Path, columns: int) -> Array:

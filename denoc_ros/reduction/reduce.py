@@ -10,16 +10,18 @@ import numpy as np
 from denoc_ros.errors import ConfigError, ModelError
 from denoc_ros.model.suggest.materials import MATERIALS
 from denoc_ros.reduction.body import FiniteElementBody, check_places, patches_of
-from denoc_ros.reduction.craig_bampton import HALVED, Report
+from denoc_ros.reduction.craig_bampton import FACTORED, Report
 from denoc_ros.reduction.elements import Elasticity, Solid
 from denoc_ros.reduction.link import Reduction, Wishes, reduce_link
 from denoc_ros.reduction.mesh import ClosedSurface, fill, patch_nodes, volume_doubts
 from denoc_ros.types import Array
 
 COARSER = 1.6  # edge of the mesh that the result is compared with
-# measured, one core: a forearm of 50,000 nodes 25 s, 1.8 GB; a thick block of 57,000 3.5 GB
-SECONDS, MEGABYTES = (2e-6, 1.5), (1.2e-3, 4.0 / 3.0)  # a n^b of n nodes
 BASE_MEGABYTES = 250.0
+# seconds and megabytes a n^b of n nodes, measured on one core with thick blocks: by a factor; and
+# on two grids, 20,000 nodes 20 s, 0.6 GB, 204,000 nodes 314 s, 5.6 GB
+FACTOR = (2e-6, 1.5), (1.2e-3, 4.0 / 3.0)
+TWO_GRIDS = (1e-4, 1.23), (0.03, 1.0)
 UNLIKE = 0.01  # between the two meshes' first frequency: more is told
 
 
@@ -32,15 +34,14 @@ class Estimate:
     megabytes: float
 
     @classmethod
-    def of(cls, nodes: int, modes: int) -> Estimate:
-        """Return that of a number of nodes and modes."""
+    def of(cls, nodes: int, modes: int, elements: bool = True) -> Estimate:
+        """Return that of a number of nodes and modes; on two grids where elements are known."""
         share = 0.5 + 0.5 * modes / 6.0
-        halved = 0.6 if 3 * nodes > HALVED else 1.0
-        return cls(
-            nodes,
-            share * SECONDS[0] * nodes ** SECONDS[1],
-            BASE_MEGABYTES + halved * MEGABYTES[0] * nodes ** MEGABYTES[1],
+        seconds, megabytes = (
+            factor * nodes**power
+            for factor, power in (TWO_GRIDS if elements and 3 * nodes > FACTORED else FACTOR)
         )
+        return cls(nodes, share * seconds, BASE_MEGABYTES + megabytes)
 
 
 @dataclass(frozen=True)
@@ -207,7 +208,7 @@ def reduce_matrices(
     report: Report = lambda share: None,
 ) -> Reduction:
     """Reduce a body of another program's matrices; parameters as of `reduce_surface`."""
-    told(Estimate.of(len(body.nodes), wishes.modes))
+    told(Estimate.of(len(body.nodes), wishes.modes, elements=False))
     body.check()
     patches = patches_of(
         body.where, body.nodes, frames.rows(), patch_nodes(body.nodes, None, frames.radii)

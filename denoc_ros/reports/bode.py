@@ -35,12 +35,6 @@ def page(
     ----------
     ways : mapping
         Input and output -> name of a posture -> what was found there.
-    robot : str
-        Its name.
-    free : bool
-        Whether the other joints are free.
-    provenance : mapping
-        What the page was made from and with.
     """
     count = len(next(iter(ways.values())))
     postures = 'one posture' if count == 1 else f'{count} postures'

@@ -63,8 +63,6 @@ def energy_balance(recording: RecordedTopics, robot: Robot) -> EnergyBalance | N
     ----------
     recording : RecordedTopics
         With the topic plant/true_modal_state.
-    robot : Robot
-        As it was simulated.
     """
     state = recording.series('plant/true_modal_state')
     rates = recording.series('plant/true_modal_state', 'velocity')
@@ -89,15 +87,7 @@ def _work(recording: RecordedTopics) -> Array | None:
 
 
 def verdict(found: EnergyBalance, said: Sequence[str]) -> Verdict:
-    """Return a simulation in one sentence; loops that open make it doubtful.
-
-    Parameters
-    ----------
-    found : EnergyBalance
-        Of the run.
-    said : sequence of str
-        What else it shows, in words.
-    """
+    """Return a simulation in one sentence; loops that open make it doubtful."""
     parts = [f'The simulation went to its end at {found.t[-1]:.4g} s', *said]
     closed = found.open is None or found.open <= CLOSED
     if found.open is not None:

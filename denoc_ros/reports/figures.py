@@ -31,14 +31,7 @@ DIFFERENCE_COLOUR = 'difference'
 BAR_COLOUR = 'bars'
 GRID_COLOUR = 'line'
 AXIS_COLOUR = 'muted'
-COLOURS = (
-    *PHASE_COLOURS,
-    TRUTH_COLOUR,
-    DIFFERENCE_COLOUR,
-    BAR_COLOUR,
-    GRID_COLOUR,
-    AXIS_COLOUR,
-)
+COLOURS = (*PHASE_COLOURS, TRUTH_COLOUR, DIFFERENCE_COLOUR, BAR_COLOUR, GRID_COLOUR, AXIS_COLOUR)
 PIXELS = 900  # columns a curve is thinned to: finer than a page shows
 WIDTH, LONE_WIDTH = 4.4, 4.8  # inches of a panel: text of 10 points is read on a phone too
 HISTOGRAM_HEIGHT = 2.0  # inches
@@ -121,8 +114,6 @@ def line_figure(panels: Sequence[Panel], height: float = 1.9) -> Figure:
 
     Parameters
     ----------
-    panels : sequence of Panel
-        In reading order.
     height : float
         Of a panel [inch].
     """
@@ -157,8 +148,6 @@ def thin(t: Array, y: Array, columns: int = PIXELS) -> tuple[Array, Array]:
 
     Parameters
     ----------
-    t, y : (k,) array
-        The curve.
     columns : int
         How many equal stretches of it keep their smallest and largest value.
     """

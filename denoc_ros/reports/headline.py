@@ -152,13 +152,7 @@ def time_in_words(time: Mapping[str, Any]) -> str:
 
 
 def summary_lines(summary: Mapping[str, Any]) -> Iterator[str]:
-    """Yield the lines: tracking by phase, deflection by link, loops, recording.
-
-    Parameters
-    ----------
-    summary : mapping
-        Of :class:`denoc_ros.reports.run.Report`.
-    """
+    """Yield the lines: tracking by phase, deflection by link, loops, recording."""
     if words := time_in_words(summary.get('time', {})):
         yield f'time    {words}'
     phases = summary['phases']

@@ -27,15 +27,7 @@ DRAWN = 400  # points of a curve
 
 
 def model_page(document: Mapping[str, Any], command: str) -> ReportPage:
-    """Return the page of a model's numbers.
-
-    Parameters
-    ----------
-    document : mapping
-        The result, as in result.yaml.
-    command : str
-        The command line.
-    """
+    """Return the page of a model's numbers."""
     numbers = document['parameters']
     found = [one for one in numbers if one['verdict'] == 'found']
     cards = number_cards(found)
@@ -135,18 +127,7 @@ def _channels(channels: Sequence[Mapping[str, Any]]) -> PageSection:
 def excitation_page(
     found: Excitation, document: Mapping[str, Any], tree: Tree, command: str
 ) -> ReportPage:
-    """Return the page of a motion that identifies.
-
-    Parameters
-    ----------
-    found : Excitation
-    document : mapping
-        The same as plain values, as `--json` prints it.
-    tree : Tree
-        Of the robot.
-    command : str
-        The command line.
-    """
+    """Return the page of a motion that identifies."""
     numbers = document['parameters']
     good = [one for one in numbers if one['verdict'] == 'found']
     cards = number_cards(good)

@@ -37,18 +37,8 @@ def result_page(
 
     Parameters
     ----------
-    document : mapping
-        The result, as in result.yaml.
-    title : str
-        Of the page.
     found : str
         What was found, in a sentence without its full stop.
-    cards : sequence of Card
-        Figures of merit.
-    sections : sequence of PageSection or None
-        What it rests on; where the record is from comes behind.
-    command : str
-        The command line.
     """
     source = document['source']
     file = Path(source['file']).name
@@ -101,19 +91,7 @@ def result_text(
     notes: Iterable[str] = (),
     tail: Iterable[str] = (),
 ) -> str:
-    """Return a result's lines for a terminal.
-
-    Parameters
-    ----------
-    document : mapping
-        The result, for its verdict and for which of several modes it is of.
-    head : iterable of str
-        Lines above the table.
-    rows : sequence of dict
-        Of the table; none: there is none.
-    notes, tail : iterable of str
-        Lines below it, indented and not.
-    """
+    """Return a result's lines for a terminal."""
     modes = document.get('modes', ())
     asked = [f'{mode["frequency_hz"]:.4g}' for mode in modes if mode['asked']]
     of = f' (of {", ".join(asked)} Hz)' if len(modes) > len(asked) > 0 else ''
@@ -147,12 +125,6 @@ def fit_figure(
     ----------
     t, measured, fitted : (k,) array
         Times [s] and values.
-    name, unit : str
-        Of the signal.
-    word : str
-        What the fit is called.
-    above : sequence of Curve
-        Drawn before the signal.
     """
     curves = [
         Curve('measured', TRUTH_COLOUR, t, measured),

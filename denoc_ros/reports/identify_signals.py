@@ -8,12 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from denoc_ros.identification.analysis import (
-    DecayAnalysis,
-    held_out,
-    own_decay,
-    residual_spectrum,
-)
+from denoc_ros.identification.analysis import DecayAnalysis, held_out, own_decay, residual_spectrum
 from denoc_ros.identification.forced import ForcedModes
 from denoc_ros.identification.joint import FrictionModel, JointFit
 from denoc_ros.identification.records import Record
@@ -48,17 +43,7 @@ DRAWN = 0.1  # standard deviations of the noise that a decay is drawn down to
 
 
 def decay_page(document: Mapping[str, Any], analysis: DecayAnalysis, command: str) -> ReportPage:
-    """Return the page of one recording's modes.
-
-    Parameters
-    ----------
-    document : mapping
-        The result, as in result.yaml.
-    analysis : DecayAnalysis
-        What it is from.
-    command : str
-        The command line.
-    """
+    """Return the page of one recording's modes."""
     return result_page(
         document,
         f'Modes of {analysis.record.name}',
@@ -222,12 +207,7 @@ def _waterfall(analysis: DecayAnalysis) -> PageSection | None:
     shown = fall.frequency < min(2.5 * modes.frequency.max(), fall.frequency[-1])
     step = 0.25 * float(fall.magnitude.max())
     curves = [
-        Curve(
-            '',
-            PHASE_COLOURS[1],
-            fall.frequency[shown],
-            fall.magnitude[k][shown] + step * place,
-        )
+        Curve('', PHASE_COLOURS[1], fall.frequency[shown], fall.magnitude[k][shown] + step * place)
         for place, k in enumerate(chosen)
     ]
     panel = Panel(
@@ -289,13 +269,7 @@ def _residual(analysis: DecayAnalysis) -> PageSection:
         Curve('measured', TRUTH_COLOUR, frequency[1:], np.maximum(signal[1:], floor)),
         Curve('residual', PHASE_COLOURS[0], frequency[1:], np.maximum(rest[1:], floor)),
     ]
-    panel = Panel(
-        'amplitude',
-        analysis.record.unit,
-        curves,
-        x_label='frequency [Hz]',
-        log_y=True,
-    )
+    panel = Panel('amplitude', analysis.record.unit, curves, x_label='frequency [Hz]', log_y=True)
     rows = [
         [f'{line.frequency:.4g}', engineering(line.amplitude, analysis.record.unit), line.origin]
         for line in analysis.modes.lines
@@ -391,19 +365,7 @@ def _response(found: ForcedModes) -> PageSection:
 def joint_page(
     document: Mapping[str, Any], record: Record, fit: JointFit, command: str
 ) -> ReportPage:
-    """Return the page of one joint's friction.
-
-    Parameters
-    ----------
-    document : mapping
-        The result, as in result.yaml.
-    record : Record
-        The swing.
-    fit : JointFit
-        What was found.
-    command : str
-        The command line.
-    """
+    """Return the page of one joint's friction."""
     return result_page(
         document,
         f'Friction of {record.name}',
@@ -509,12 +471,8 @@ def servo_page(
 
     Parameters
     ----------
-    document : mapping
-        The result, as in result.yaml.
     found : sequence of (ServoFit, Run)
         Of each joint that moved, with its recordings.
-    command : str
-        The command line.
     """
     said = ', '.join(
         f'{fit.joint} {fit.bandwidth:.3g} Hz, ζ {fit.damping:.2g}, {1e3 * fit.delay:.2g} ms late'

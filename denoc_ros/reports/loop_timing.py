@@ -42,8 +42,6 @@ def loop_measures(statuses: Sequence[Diagnostic], since_ns: int = 0) -> tuple[Lo
 
     Parameters
     ----------
-    statuses : sequence of Diagnostic
-        In order of time.
     since_ns : int
         What was counted before it is left out [ns].
     """
@@ -67,8 +65,6 @@ def warnings(
 
     Parameters
     ----------
-    statuses : sequence of Diagnostic
-        In order of time.
     intervals : sequence of (int, int)
         Begin and end [ns] of what counts: between them nodes may be restarted. A status speaks of
         the second before its stamp, which must be in an interval whole.

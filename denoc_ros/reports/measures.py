@@ -97,12 +97,8 @@ def measure(recording: RecordedTopics, robot: Robot | None, tip: str) -> tuple[P
 
     Parameters
     ----------
-    recording : RecordedTopics
-        The bag.
     robot : Robot or None
         The robot, for the tip's error; None leaves that out.
-    tip : str
-        The frame taken for the tip.
     """
     return tuple(_phase(recording, interval, robot, tip) for interval in recording.phases)
 

@@ -51,18 +51,12 @@ class PageSection:
 
 @dataclass(frozen=True)
 class Card:
-    """A figure of merit on top of a page.
-
-    Attributes
-    ----------
-    label, value, note : str
-    rows : sequence of (name, value)
-        In place of one value, those of several phases or motions.
-    """
+    """A figure of merit on top of a page."""
 
     label: str
     value: str = ''
     note: str = ''
+    # (name, value) In place of one value, those of several phases or motions
     rows: Sequence[tuple[str, str]] = ()
 
 

@@ -38,10 +38,6 @@ def provenance(
 
     Parameters
     ----------
-    command : str
-        The command line, '' where a program made the page.
-    sources : mapping
-        What it was made from -> its name and hash; empty ones are left out.
     made_with : mapping, optional
         As `versions` returned it when the run was made; default: now.
     """

@@ -29,14 +29,7 @@ DPI = 90
 
 
 def summary(found: ReducedMesh, inertia: RigidInertia | None) -> Row:
-    """Return a reduction as plain lists and numbers ready for JSON.
-
-    Parameters
-    ----------
-    found : ReducedMesh
-    inertia : RigidInertia or None
-        The link's in its URDF.
-    """
+    """Return a reduction as plain lists and numbers ready for JSON."""
     reduction = found.reduction
     link = reduction.link
     mass = None if inertia is None or inertia.mass <= 0.0 else float(inertia.mass)
@@ -95,18 +88,7 @@ def summary(found: ReducedMesh, inertia: RigidInertia | None) -> Row:
 
 
 def page(found: ReducedMesh, row: Row, name: str, provenance: Mapping[str, str]) -> ReportPage:
-    """Return the page.
-
-    Parameters
-    ----------
-    found : ReducedMesh
-    row : mapping
-        Of `summary`.
-    name : str
-        Of the link.
-    provenance : mapping
-        What the page was made from and with.
-    """
+    """Return the page."""
     link = found.reduction.link
     return ReportPage(
         title='A link from finite elements',

@@ -48,19 +48,7 @@ DEFLECTION_LOOKS = ((TRUTH_COLOUR, False), (PHASE_COLOURS[2], False), (PHASE_COL
 def page(
     replay: Replay, summary: Summary, robot: Robot, provenance: Mapping[str, str]
 ) -> ReportPage:
-    """Return the page of a replay.
-
-    Parameters
-    ----------
-    replay : Replay
-        What was found.
-    summary : mapping
-        Its numbers, as `denoc_ros.replay.summary.summarize` gives them.
-    robot : Robot
-        What it was replayed on.
-    provenance : mapping
-        What the page was made from and with.
-    """
+    """Return the page of a replay."""
     units = Units.of(robot.tree)
     path = replay.plan.source.path
     return ReportPage(

@@ -13,6 +13,7 @@ from denoc_ros.dynamics.assembling import mobility
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.shape_losses import shape_losses
 from denoc_ros.estimation.observability import observability
+from denoc_ros.model.numbers import JOINT_FIELDS
 from denoc_ros.model.suggest.beam import BeamSuggestion
 from denoc_ros.model.suggest.suggestion import Suggestion
 from denoc_ros.model.tree import Beam, Body, InertialSensor, Joint, Sensor, Tree
@@ -41,8 +42,6 @@ def summarize(robot: Robot, postures: Sequence[Posture] = ()) -> Row:
 
     Parameters
     ----------
-    robot : Robot
-        The robot.
     postures : sequence of Posture
         Where natural frequencies are wanted, beside those with all coordinates zero.
 
@@ -184,21 +183,14 @@ def _link(body: Body, bodies: Sequence[Body]) -> Row:
 
 
 def _joint(joint: Joint, link: str) -> Row:
-    limits = joint.limits
-    mimic = joint.mimic
     return {
         'joint': joint.name,
         'type': 'continuous' if joint.continuous else joint.kind.name.lower(),
         'link': link,
         'axis': joint.axis,
-        'lower': limits.lower,
-        'upper': limits.upper,
-        'velocity': limits.velocity,
-        'effort': limits.effort,
-        'damping': float(joint.damping),
-        'friction': float(joint.friction),
-        'armature': float(joint.armature),
-        'mimics': '' if mimic is None else mimic.leader,
+        **vars(joint.limits),
+        **{name: getattr(joint, name) for name in JOINT_FIELDS},
+        'mimics': '' if joint.mimic is None else joint.mimic.leader,
     }
 
 
@@ -206,17 +198,7 @@ def _spring(joint: Joint | None) -> list[Row]:
     spring = None if joint is None else joint.spring
     if joint is None or spring is None:
         return []
-    return [
-        {
-            'joint': joint.name,
-            'stiffness': float(spring.stiffness),
-            'damping': float(spring.damping),
-            'stiffness3': float(spring.stiffness3),
-            'backlash': float(spring.backlash),
-            'measured': spring.measured,
-            'armature': float(joint.armature),
-        }
-    ]
+    return [{'joint': joint.name, **vars(spring), 'armature': joint.armature}]
 
 
 def _beams(bodies: Sequence[Body]) -> list[Row]:
@@ -327,13 +309,6 @@ def robot_text(summary: Mapping[str, Any]) -> str:
 def summarize_suggestion(suggestion: Suggestion, robot: Robot) -> Row:
     """Return a proposal as plain lists and numbers ready for JSON.
 
-    Parameters
-    ----------
-    suggestion : Suggestion
-        The proposal.
-    robot : Robot
-        Loaded from its text.
-
     Returns
     -------
     dict
@@ -375,12 +350,8 @@ def _gears(suggestion: Suggestion) -> Row | None:
     family = suggestion.gears
     if family is None:
         return None
-    return {
-        'name': family.name,
-        'description': family.description,
-        'source': family.source,
-        'spread': family.spread,
-    }
+    told = ('name', 'description', 'source', 'spread')
+    return {name: getattr(family, name) for name in told}
 
 
 def _suggested_beam(beam: BeamSuggestion) -> Row:

@@ -77,21 +77,12 @@ def _png(image: Image) -> str:
 
 @dataclass(frozen=True)
 class Report:
-    """The page of a run and its numbers.
+    """The page of a run and its numbers."""
 
-    Attributes
-    ----------
-    page : ReportPage
-        Verdict, figures of merit, sections, provenance.
-    summary : dict
-        Errors, deflection, torque and loop timing in SI units, ready for JSON.
-    notes : tuple of str
-        What the page leaves out, and why.
-    """
-
-    page: ReportPage
+    page: ReportPage  # verdict, figures of merit, sections, provenance
+    # errors, deflection, torque and loop timing in SI units, ready for JSON
     summary: dict[str, Any]
-    notes: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()  # what the page leaves out, and why
 
     def html(self) -> str:
         """Return the page as one self-contained HTML file."""
@@ -176,7 +167,9 @@ def _of_path(run_path: Path, command: str) -> Report:
         'loops': {loop.node: loop.summary() for loop in loops},
         'warnings': warned,
         'messages': recording.counts,
-        'recorder': _latest(statuses).get('recorder: recording', {}),
+        'recorder': {status.name: status.values for status in statuses}.get(
+            'recorder: recording', {}
+        ),
         **({'simulated': simulated.summary()} if simulated else {}),
         **{key: session[key] for key in NOTED if key in session},
     }
@@ -220,10 +213,6 @@ def _robot(
         return plant_of(robot, session), ()
     except DenocError as error:
         return None, (f'the robot is left out: {error}',)
-
-
-def _latest(statuses: Sequence[Diagnostic]) -> dict[str, dict[str, str]]:
-    return {status.name: status.values for status in statuses}
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ from denoc_ros.control.plan import LimitUse, Plan
 from denoc_ros.control.shape import tip_frames
 from denoc_ros.control.shaped_samples import rest_spline
 from denoc_ros.dynamics.robot import Robot
+from denoc_ros.model.numbers import match, numbers_of, values_of
 from denoc_ros.model.tree import Tree
 from denoc_ros.reports.figures import DIFFERENCE_COLOUR, PHASE_COLOURS, Curve, Panel, line_figure
 from denoc_ros.reports.pages import Card, PageSection, PageTable, ReportPage, Verdict, engineering
@@ -24,7 +25,6 @@ from denoc_ros.types import Array
 ROWS = 1200  # of a run
 PERIODS = 2.0  # of the lowest mode, that are looked at after the stop
 SHARE = 0.2  # by which models are off
-PARTS = ('y', 'z', 'torsion')
 TITLES = {'tip': 'The tip goes where it should'}
 PLAIN, SHAPED = 'as it was asked for', 'as it was planned'
 HEIGHT = 2.4  # inches
@@ -168,7 +168,6 @@ def _retimed(plan: Plan, motion: tuple[Array, Array]) -> tuple[Array, Array]:
 
 
 def _lowest(robot: Robot, q: Array) -> float:
-    """Return the lowest natural frequency with the joints held [Hz], 0 where there is none."""
     if not len(robot.flexible_indices):
         return 0.0
     found = robot.natural_frequencies(q)
@@ -189,7 +188,6 @@ def compare(
     ----------
     robot : Robot
         Its base is held if the plan is of one that thrusters hold.
-    plan : Plan
     motion : (k,) and (k, joints) arrays
         Times and joints that were asked for.
     tip : str or sequence of str, optional
@@ -215,47 +213,27 @@ def compare(
 
 def variations(robot: Robot) -> dict[str, dict[str, Any]]:
     """Return models that are off, as overrides by name: each rigidity, payload and damping."""
-    found: dict[str, dict[str, Any]] = {}
-    damping: dict[str, list[float]] = {}
-    for body in robot.tree.bodies:
-        for direction in PARTS if body.segment == 1 else ():
-            part = getattr(body.beam, direction) if body.beam is not None else None
-            if part is None or not part.modes:
-                continue
-            path = f'beam.{body.name}.{direction}'
-            rigidity = 'gj' if direction == 'torsion' else 'ei'
-            for share in (1.0 - SHARE, 1.0 + SHARE):
-                name = f'{path}.{rigidity} {100.0 * (share - 1.0):+.0f} %'
-                found[name] = {f'{path}.{rigidity}': share * part.stiffness}
-            if part.damping.any():
-                damping[f'{path}.damping'] = part.damping.tolist()
-    masses = {
-        path: value
-        for path, value in robot.tree.overrides.items()
-        if path.startswith('payload.') and path.endswith('.mass')
+    values = values_of(robot.tree)
+    moving = [path for path, number in numbers_of(robot.tree).items() if number.coordinates]
+    damping = [path for path in match(moving, 'beam.*.damping') if np.any(values[path])]
+    shares = {f'{100.0 * change:+.0f} %': 1.0 + change for change in (-SHARE, SHARE)}
+    found: dict[str, dict[str, Any]] = {
+        f'{path} {percent}': {path: float(share * np.asarray(values[path]))}
+        for path in match(moving, 'beam.*.ei', 'beam.*.gj')
+        for percent, share in shares.items()
     }
-    for share in (1.0 - SHARE, 1.0 + SHARE):
-        percent = f'{100.0 * (share - 1.0):+.0f} %'
-        for path, mass in masses.items():
-            found[f'{path} {percent}'] = {path: share * float(mass)}
+    for percent, share in shares.items():
+        for path in match(robot.tree.overrides, 'payload.*.mass'):
+            found[f'{path} {percent}'] = {path: float(share * np.asarray(values[path]))}
         if damping:
             found[f'all damping {percent}'] = {
-                path: [share * value for value in values] for path, values in damping.items()
+                path: (share * np.asarray(values[path])).tolist() for path in damping
             }
     return found
 
 
 def page(found: PlanComparison, tree: Tree, provenance: Mapping[str, str]) -> ReportPage:
-    """Return the page.
-
-    Parameters
-    ----------
-    found : PlanComparison
-    tree : Tree
-        Of the robot.
-    provenance : mapping
-        What the page was made from and with.
-    """
+    """Return the page."""
     plan, units = found.plan, Units.of(tree)
     return ReportPage(
         title=TITLES.get(plan.method, 'A motion without swing'),
@@ -310,9 +288,8 @@ def _cards(found: PlanComparison) -> list[Card]:
 def _tip(found: PlanComparison) -> PageSection:
     pairs = zip((PLAIN, SHAPED), PHASE_COLOURS, (found.plain, found.shaped), strict=False)
     curves = [Curve(name, colour, run.t, run.error) for name, colour, run in pairs]
-    logarithmic = [
-        Curve(c.label, c.colour, c.t, np.maximum(c.y, 1e-3 * _smallest(found))) for c in curves
-    ]
+    least = 1e-3 * max(1e-9, min(found.plain.rms, found.shaped.rms))
+    logarithmic = [Curve(c.label, c.colour, c.t, np.maximum(c.y, least)) for c in curves]
     figure = line_figure(
         [
             Panel('Tip off what was asked', 'm', curves),
@@ -325,11 +302,6 @@ def _tip(found: PlanComparison) -> PageSection:
         'have it; simulated on this model, the joints exactly on either motion.'
     )
     return PageSection('The tip', text, [figure])
-
-
-def _smallest(found: PlanComparison) -> float:
-    """Lower end of a logarithmic figure [m]."""
-    return max(1e-9, min(found.plain.rms, found.shaped.rms))
 
 
 def _joints(found: PlanComparison, units: Units) -> PageSection:

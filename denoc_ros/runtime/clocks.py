@@ -81,11 +81,6 @@ class SteadyClock(Clock):
     """The computer's steady clock (`time.perf_counter`); stamps are of the system's clock.
 
     The two are compared every 10 ms: one that is set shows in stamps that much later.
-
-    Parameters
-    ----------
-    now_ns : callable, optional
-        The clock that stamps.
     """
 
     def __init__(self, now_ns: Callable[[], int] = time.time_ns) -> None:
@@ -379,12 +374,7 @@ class SourceClock(_StampedTime):
 
 
 class StampOf:
-    """Gives the stamp [ns] of a moment of a clock [s]; none earlier than before.
-
-    Parameters
-    ----------
-    clock : Clock
-    """
+    """Gives the stamp [ns] of a moment of a clock [s]; none earlier than before."""
 
     def __init__(self, clock: Clock) -> None:
         self._stamp_ns = clock.stamp_ns

@@ -138,7 +138,6 @@ class JointStateReader:
 
         Parameters
         ----------
-        raw : bytes
         admit : callable, optional
             Takes the stamp [ns] of a good message before the arrays do; may raise InputError.
         with_effort : bool
@@ -321,7 +320,6 @@ class CommandReader:
 
     Parameters
     ----------
-    joints : sequence of str
     numbers : int
         Of each joint, one joint after the other; the last is the effort.
 
@@ -491,7 +489,6 @@ def _require_motion(what: str, values: Array) -> None:
 
 
 def _rotation(quaternion: Array) -> Array:
-    """Return the rotation (3, 3) of a quaternion (x, y, z, w)."""
     length = float(np.linalg.norm(quaternion))
     if not abs(length - 1.0) <= UNIT:
         raise InputError('no_rotation', f'orientation must have unit length, got {length:.6g}')

@@ -24,13 +24,7 @@ class Interrupted(BaseException):
 
 
 class EndSignals:
-    """Handling of SIGINT, SIGTERM and SIGHUP: first an end at once, then the wanted one.
-
-    Attributes
-    ----------
-    received : list of int
-        Those kept so far.
-    """
+    """Handling of SIGINT, SIGTERM and SIGHUP: first an end at once, then the wanted one."""
 
     def __init__(self) -> None:
         self.received: list[int] = []
@@ -123,15 +117,7 @@ class Watchdog:
         self._over = threading.Event()
 
     def begin(self, name: str, save: Callable[[], None]) -> None:
-        """Watch from here on.
-
-        Parameters
-        ----------
-        name : str
-            Whose executor it is, for the message.
-        save : callable
-            Called last, such as to close a file.
-        """
+        """Watch from here on."""
         self._name, self._save = name, save
         self.beat()
         self._arm()

@@ -47,12 +47,7 @@ def _state_parameters() -> tuple[Parameter, ...]:
             choices=('off', 'lqr'),
             live=True,
         ),
-        parameter(
-            'feedback.tip',
-            '',
-            'frame to keep on the plan; empty: the last',
-            live=True,
-        ),
+        parameter('feedback.tip', '', 'frame to keep on the plan; empty: the last', live=True),
         parameter(
             'feedback.delay',
             1.5,  # sampling, transport and half a hold
@@ -162,9 +157,7 @@ TABLE = ParameterTable(
             positive=True,
         ),
         parameter(
-            'require_joint_states',
-            True,
-            'follow the reference only while joint states are fresh',
+            'require_joint_states', True, 'follow the reference only while joint states are fresh'
         ),
         EXTRA_JOINTS,
         parameter(
@@ -184,11 +177,7 @@ TABLE = ParameterTable(
             0.1,
             live=True,
         ),
-        parameter(
-            'enabled',
-            True,
-            'follow the reference from the start; false: after `~/enable`',
-        ),
+        parameter('enabled', True, 'follow the reference from the start; false: after `~/enable`'),
         parameter(
             'stale_action',
             'ramp_to_gravity',
@@ -196,12 +185,7 @@ TABLE = ParameterTable(
             choices=STALE_ACTIONS,
         ),
         parameter(
-            'ramp_time',
-            0.5,
-            'duration of ramp_to_gravity',
-            's',
-            maximum=30.0,
-            positive=True,
+            'ramp_time', 0.5, 'duration of ramp_to_gravity', 's', maximum=30.0, positive=True
         ),
         parameter(
             'effort_limits',
@@ -213,11 +197,7 @@ TABLE = ParameterTable(
         ),
         parameter('enforce_command_limits', True, 'clamp the torque to the effort limits'),
         parameter(
-            'max_delta_tau',
-            math.inf,
-            'largest change of torque per tick',
-            'N m, N',
-            positive=True,
+            'max_delta_tau', math.inf, 'largest change of torque per tick', 'N m, N', positive=True
         ),
         *feedback_parameters(),
         parameter(

@@ -88,7 +88,6 @@ class GainWorker:
         Why the last one gave no gains, '' if it did.
     designs : int
         How many have been made.
-    planner : Planner
     """
 
     def __init__(self) -> None:

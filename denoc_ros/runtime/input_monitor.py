@@ -55,8 +55,6 @@ class ActivePublishers:
 
         Parameters
         ----------
-        publishers : int
-            How many there are.
         numbers : sequence of int or None
             Of the messages, in their order; None where the middleware does not number them: then
             all publishers count as sending.
@@ -110,14 +108,8 @@ class InputMonitor:
 
     Attributes
     ----------
-    accepted : int
-        Messages taken.
-    rejected : Counter
-        Messages refused, by cause.
     rejected_reported : int
         How many of them /diagnostics has warned of.
-    last_message : str
-        Why the last one was refused.
     max_publishers : int
         Publishers that may send at once.
     """

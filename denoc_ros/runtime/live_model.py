@@ -17,15 +17,7 @@ Given = TypeVar('Given')
 
 
 class LiveModel:
-    """Makes robots with overrides; payloads cost no new model.
-
-    Parameters
-    ----------
-    base : Robot
-        The robot without overrides.
-    where : str
-        Whose parameters the overrides are, for messages.
-    """
+    """Makes robots with overrides; payloads cost no new model."""
 
     def __init__(self, base: Robot, where: str) -> None:
         self._base = base

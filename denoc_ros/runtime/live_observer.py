@@ -31,20 +31,8 @@ def build_observer(
 
     Parameters
     ----------
-    robot : Robot
-    settings : Settings
-        Of a predictor.
     period : float
         Of the loop [s].
-    joints : sequence of str
-        That are measured.
-    posture : (n,) array
-        Near which loops are closed.
-
-    Raises
-    ------
-    StateError, SolverError
-        As :class:`Observer`.
     """
     fuse = settings.text('strain') == 'fuse'
     observer = Observer(
@@ -85,19 +73,11 @@ class Adaptation:
 
     Parameters
     ----------
-    robot : Robot
-        With the overrides of the parameters.
-    joints : sequence of str
-        That are measured.
-    settings : Settings
-    where : str
-        The node's name, for messages.
     base : callable, optional
         Motion of the base at a time; None: it is at rest.
 
     Attributes
     ----------
-    tracker : ParameterTracker or None
     fresh : bool
         Whether there is something new to publish since the last `apply`.
 

@@ -50,8 +50,6 @@ class LiveState:
 
     Parameters
     ----------
-    robot : Robot
-        Its workspace is used: do not share it with another thread.
     posture : (n,) array
         Coordinates near which loops are closed.
 
@@ -79,8 +77,6 @@ class LiveState:
 
         Parameters
         ----------
-        raw : bytes
-            A sensor_msgs/JointState.
         admit : callable
             Takes the stamp [ns]; may raise InputError.
 
@@ -154,8 +150,6 @@ class LiveSnapshots:
     ----------
     robot : Robot
         Its workspace is used.
-    posture : (n,) array
-        Coordinates near which loops are closed.
     states : sequence of str
         Topics that say where the robot is; the first that is fresh is drawn.
     torque, residual : str

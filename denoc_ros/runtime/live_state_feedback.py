@@ -42,15 +42,8 @@ class LiveStateFeedback:
     What leaves changes without a jump where parameters or the model change, or gains for them are
     refused: the difference fades within `RAMP`.
 
-    Parameters
-    ----------
-    name : str
-        The node's, for messages.
-
     Attributes
     ----------
-    active : bool
-        Whether a torque of the feedback leaves.
     cause : str
         Why none does, '' if one does or soon will.
     """
@@ -168,7 +161,6 @@ class LiveStateFeedback:
 
         Parameters
         ----------
-        follower : ReferenceFollower
         position : (joints,) array
             Where the joints are wanted, or stand.
         """

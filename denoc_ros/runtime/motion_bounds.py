@@ -28,10 +28,6 @@ class MotionBounds:
 
     Parameters
     ----------
-    joints : sequence of str
-        In the order of all arrays here.
-    limits : sequence of Limits
-        Of these joints.
     margin : float
         How far beyond a position limit a joint may be [rad or m].
     farthest : float
@@ -74,13 +70,7 @@ class MotionBounds:
         self.table: Array = np.array((lower, upper, backwards, rates), dtype=np.float64)
 
     def require(self, position: Array, velocity: Array | None = None) -> None:
-        """Refuse a state (n,), (n,) beyond the bounds.
-
-        Raises
-        ------
-        InputError
-            Cause `out_of_range`.
-        """
+        """Refuse a state (n,), (n,) beyond the bounds."""
         lower, upper, rates, backwards = self._bounds
         values = position.tolist()
         if not (all(map(le, lower, values)) and all(map(le, values, upper))):

@@ -33,18 +33,8 @@ LIMITS = ('velocity', 'acceleration', 'jerk', 'effort', 'effort_rate')
 class MotionPlanning:
     """Keeps a motion until the planner has it, and the planner alive.
 
-    Parameters
-    ----------
-    log : callable
-        Takes what is to be logged.
-    done : callable
-        Takes a motion and the planner's answer.
-
     Attributes
     ----------
-    planner : Planner
-    loading : bool
-        Whether the planner is loading the robot.
     load_error : str
         Why the planner could not load the robot; '' where it could.
     """
@@ -178,12 +168,7 @@ def robot_job(settings: Settings, description: str) -> dict[str, Any]:
 
 
 def mode_table(settings: Settings) -> ModeTable | None:
-    """Return the measured modes that a file has; None where none is named.
-
-    Raises
-    ------
-    ConfigError
-    """
+    """Return the measured modes that a file has; None where none is named."""
     path = settings.text('mode_table')
     return read_mode_table(path) if path else None
 
@@ -191,12 +176,7 @@ def mode_table(settings: Settings) -> ModeTable | None:
 def check_planning(
     robot: Robot, joints: Sequence[str], settings: Settings, table: ModeTable | None = None
 ) -> None:
-    """Refuse limits and servos that do not fit the joints, and impossible methods.
-
-    Raises
-    ------
-    DenocError
-    """
+    """Refuse limits and servos that do not fit the joints, and impossible methods."""
     method, tip = settings.text('method'), settings.text('tip')
     if table is None:
         require_flexible(robot)
@@ -220,13 +200,7 @@ def check_planning(
 
 
 def given_limits(settings: Settings, joints: Sequence[str]) -> dict[str, dict[str, float] | float]:
-    """Return the limits that are given: one number for all joints, or each joint's.
-
-    Raises
-    ------
-    StateError
-        As many as there are no joints.
-    """
+    """Return the limits that are given: one number for all joints, or each joint's."""
     found: dict[str, dict[str, float] | float] = {}
     for what in LIMITS:
         values = settings.numbers(f'limits.{what}')

@@ -88,13 +88,6 @@ class SettingsParameters(Generic[T]):
         Name of the parameter by field, in the table's order.
     bounds : mapping of str to pair of float
         Lowest and highest value by field, where a running node may have less than the class.
-    prefix : str
-        Before each text.
-
-    Attributes
-    ----------
-    names : dict of str to str
-        As given.
     """
 
     def __init__(
@@ -140,13 +133,7 @@ class ParameterTable:
         return next(iter(exact or [row for row in self.rows if row.matches(name)]), None)
 
     def accept(self, name: str, value: object) -> Value:
-        """Return `value` as its row's type.
-
-        Raises
-        ------
-        ValueError
-            With the sentence that says what must hold.
-        """
+        """Return `value` as its row's type."""
         row = self.row(name)
         if row is None:
             names = [row.name for row in self.rows]
@@ -160,13 +147,7 @@ class ParameterTable:
         return [name for name in names if self.row(name) is None]
 
     def settings(self, given: Mapping[str, object], where: str) -> Settings:
-        """Return defaults overlaid with `given`.
-
-        Raises
-        ------
-        ConfigError
-            With every finding.
-        """
+        """Return defaults overlaid with `given`."""
         values = {row.name: row.default for row in self.rows if row.default is not None}
         findings = []
         for name, value in given.items():
@@ -178,13 +159,7 @@ class ParameterTable:
         return Settings(values)
 
     def changes(self, settings: Settings, given: Mapping[str, object]) -> dict[str, Value]:
-        """Return the accepted live changes `given` to `settings`.
-
-        Raises
-        ------
-        ValueError
-            With the sentence that says what must hold.
-        """
+        """Return the accepted live changes `given` to `settings`."""
         accepted: dict[str, Value] = {}
         for name, value in given.items():
             new = self.accept(name, value)
@@ -227,8 +202,6 @@ def shared_names(arguments: Sequence[str], node: str) -> set[str]:
     ----------
     arguments : sequence of str
         A command line, with its `--ros-args`.
-    node : str
-        Fully qualified name of the node.
 
     Returns
     -------

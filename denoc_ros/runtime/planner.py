@@ -135,13 +135,6 @@ class Planner:
 
     Nothing here waits for the process, which may be stopped at any moment, but `close`: at most
     `ENDING` s for one that has been killed. All methods are one thread's.
-
-    Attributes
-    ----------
-    starts : int
-        How often the process was started.
-    deaths : int
-        How often it ended by itself.
     """
 
     def __init__(self) -> None:
@@ -239,7 +232,6 @@ class Planner:
                 return
 
     def _kill(self) -> ChildProcess | None:
-        """Kill the process, if there is one; return it."""
         process, self._process = self._process, None
         self._started = -RESTART_AFTER
         if process is not None:

@@ -57,12 +57,7 @@ TABLE = ParameterTable(
             "MJCF file of objects in the world, which the robot's collision geometry touches, for "
             'engine `mujoco`',
         ),
-        parameter(
-            'joints',
-            [],
-            'driven joints; empty: all but mimic joints',
-            kind=Kind.STRINGS,
-        ),
+        parameter('joints', [], 'driven joints; empty: all but mimic joints', kind=Kind.STRINGS),
         parameter('command', 'feedforward/commands', 'topic of the commanded effort'),
         parameter(
             'impedance_command',
@@ -78,14 +73,10 @@ TABLE = ParameterTable(
             positive=True,
         ),
         parameter(
-            'brake',
-            True,
-            'hold the joints at their start positions until the first command',
+            'brake', True, 'hold the joints at their start positions until the first command'
         ),
         parameter(
-            'enforce_effort_limits',
-            True,
-            ("saturate the drives at the URDF's effort limits"),
+            'enforce_effort_limits', True, ("saturate the drives at the URDF's effort limits")
         ),
         parameter(
             'start',
@@ -119,30 +110,14 @@ TABLE = ParameterTable(
             kind=Kind.DOUBLES,
         ),
         parameter(
-            'noise.position',
-            0.0,
-            'standard deviation of measured positions',
-            'rad, m',
-            0.0,
+            'noise.position', 0.0, 'standard deviation of measured positions', 'rad, m', 0.0
         ),
         parameter(
-            'noise.velocity',
-            0.0,
-            'standard deviation of measured velocities',
-            'rad/s, m/s',
-            0.0,
+            'noise.velocity', 0.0, 'standard deviation of measured velocities', 'rad/s, m/s', 0.0
         ),
+        parameter('noise.effort', 0.0, 'standard deviation of measured effort', 'N m, N', 0.0),
         parameter(
-            'noise.effort',
-            0.0,
-            'standard deviation of measured effort',
-            'N m, N',
-            0.0,
-        ),
-        parameter(
-            'noise.sensors',
-            True,
-            ("add the noise that the URDF's block gives for the sensors"),
+            'noise.sensors', True, ("add the noise that the URDF's block gives for the sensors")
         ),
         parameter(
             'clock',

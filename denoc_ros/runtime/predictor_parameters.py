@@ -59,11 +59,7 @@ TABLE = ParameterTable(
             '(`effort_topic`)',
             choices=('measured', 'commanded'),
         ),
-        parameter(
-            'effort_topic',
-            'feedforward/effort',
-            'topic of the commanded effort',
-        ),
+        parameter('effort_topic', 'feedforward/effort', 'topic of the commanded effort'),
         parameter(
             'strain',
             'ignore',
@@ -94,9 +90,7 @@ TABLE = ParameterTable(
         ),
         *TRACKER.rows(),
         parameter(
-            'tip_frame',
-            '',
-            'link whose pose is `~/tip_pose`; empty: the last link of the file',
+            'tip_frame', '', 'link whose pose is `~/tip_pose`; empty: the last link of the file'
         ),
         parameter(
             'marker_rate',

@@ -36,15 +36,7 @@ class RateLimiter:
         self._due = now
 
     def wait(self, now: float, cost: float) -> float:
-        """Return how long to wait until the next round [s].
-
-        Parameters
-        ----------
-        now : float
-            s, at the end of a round.
-        cost : float
-            s of processor time that it took.
-        """
+        """Return how long to wait until the next round [s]."""
         self._cost += SMOOTHING * (cost - self._cost)
         self.period = min(max(self._shortest, self._cost / self._share), SLOWEST)
         # rounds keep their times; those that were missed are not made up for
@@ -57,8 +49,6 @@ class Backoff:
 
     Parameters
     ----------
-    share : float
-        Of a processor's time.
     longest : float
         s at most between two attempts.
     """

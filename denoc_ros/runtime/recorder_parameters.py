@@ -30,12 +30,7 @@ TABLE = ParameterTable(
             '',
             'URDF file of the robot to attach; empty: the one published on `robot_description`',
         ),
-        parameter(
-            'compression',
-            'zstd',
-            'compression of the chunks',
-            choices=tuple(COMPRESSIONS),
-        ),
+        parameter('compression', 'zstd', 'compression of the chunks', choices=tuple(COMPRESSIONS)),
         parameter(
             'flush_period',
             0.2,
@@ -46,11 +41,7 @@ TABLE = ParameterTable(
             positive=True,
         ),
         parameter(
-            'max_bag_size',
-            0,
-            'file size at which a new file starts; 0: no limit',
-            'bytes',
-            0,
+            'max_bag_size', 0, 'file size at which a new file starts; 0: no limit', 'bytes', 0
         ),
         parameter(
             'max_bag_duration',

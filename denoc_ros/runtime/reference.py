@@ -24,7 +24,6 @@ class FiniteDifferencer:
 
     Parameters
     ----------
-    joints : int
     gap : float
         s between points after which a difference means nothing and is taken as zero.
     cutoff : float
@@ -34,11 +33,7 @@ class FiniteDifferencer:
     """
 
     def __init__(
-        self,
-        joints: int,
-        gap: float,
-        cutoff: float = math.inf,
-        bounds: MotionBounds | None = None,
+        self, joints: int, gap: float, cutoff: float = math.inf, bounds: MotionBounds | None = None
     ) -> None:
         self._bounds = bounds
         self._gap = gap
@@ -161,7 +156,6 @@ class ReferenceFollower:
 
         Parameters
         ----------
-        message : TrajectoryMessage
         now, now_ns : float, int
             When it arrived: steady clock [s], ROS time [ns].
         measured : (n,) array, optional
@@ -270,7 +264,6 @@ class ReferenceFollower:
         return self._now is not None or self._point is not None
 
     def _plan(self, moment: float, q: Array, qd: Array, qdd: Array) -> bool:
-        """Sample the motion of a moment to come."""
         due = [each for each in self._coming if each[1] <= moment]
         if not due:
             return self._evaluate(moment, q, qd, qdd)
@@ -279,7 +272,6 @@ class ReferenceFollower:
         return True
 
     def _evaluate(self, now: float, q: Array, qd: Array, qdd: Array) -> bool:
-        """Sample the present motion."""
         if self._now is not None:
             self._now.sample(now - self._now_start, q, qd, qdd)
         elif self._point is not None:

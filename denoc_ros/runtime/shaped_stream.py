@@ -20,18 +20,13 @@ class ShapedStream:
 
     Parameters
     ----------
-    joints : int
     period : float
         s between ticks.
     stale_after, stop_time : float
         s without points after which the joints brake, and for how long.
-    bounds : MotionBounds
-        What the joints can have.
 
     Attributes
     ----------
-    follower : ReferenceFollower
-        It takes the points.
     ending : bool
         Whether the joints brake whatever comes.
     """
@@ -92,15 +87,7 @@ class ShapedStream:
         self.follower.clear()
 
     def tick(self, now: float, steps: int) -> Array | None:
-        """Commands of the joints now (3, joints); None where there are none.
-
-        Parameters
-        ----------
-        now : float
-            s of the steady clock.
-        steps : int
-            Periods since the last tick.
-        """
+        """Commands of the joints now (3, joints); None where there are none."""
         shaper = self._shaper
         if shaper is None:
             return None

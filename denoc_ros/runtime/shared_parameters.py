@@ -14,9 +14,7 @@ BASE_LIMITS = (
     ('angular_acceleration', 'angular acceleration, also between two messages', 1000.0, 'rad/s^2'),
 )
 EXTRA_JOINTS = parameter(
-    'allow_extra_joints',
-    False,
-    'accept joint states that also name joints unknown to the robot',
+    'allow_extra_joints', False, 'accept joint states that also name joints unknown to the robot'
 )
 
 
@@ -34,11 +32,7 @@ def lifecycle_parameters() -> tuple[Parameter, ...]:
 def robot_parameters() -> tuple[Parameter, ...]:
     """Return the rows of every node that holds a robot's model."""
     return (
-        parameter(
-            'urdf_path',
-            '',
-            'URDF file of the robot; empty: the topic `robot_description`',
-        ),
+        parameter('urdf_path', '', 'URDF file of the robot; empty: the topic `robot_description`'),
         parameter(
             'gravity',
             [0.0, 0.0, -9.81],
@@ -88,12 +82,7 @@ def loop_parameters() -> tuple[Parameter, ...]:
         ),
         parameter('lock_memory', False, 'keep all pages in memory (mlockall)'),
         parameter(
-            'cpu_affinity',
-            -1,
-            'core to which the loop thread is pinned; -1 = any',
-            '',
-            -1,
-            1023,
+            'cpu_affinity', -1, 'core to which the loop thread is pinned; -1 = any', '', -1, 1023
         ),
         parameter(
             'diagnostics.threshold.load',

@@ -54,11 +54,8 @@ def clock_status(clock: SimulatedClock, silence: float, publishers: int) -> Stat
 
     Parameters
     ----------
-    clock : SimulatedClock
     silence : float
         s of wall time since the last message, or since the node waits for one.
-    publishers : int
-        How many publish /clock.
     """
     status = Status('clock', message='simulated time')
     status.values = {
@@ -99,8 +96,7 @@ def loop_status(statistics: LoopStatistics, load: LoopLoad, late_share: float) -
         status.worsen(WARN, finding)
     if statistics.late_share > late_share:
         status.worsen(
-            WARN,
-            f'{100 * statistics.late_share:.1f} % of ticks late by more than half a period',
+            WARN, f'{100 * statistics.late_share:.1f} % of ticks late by more than half a period'
         )
     return status
 

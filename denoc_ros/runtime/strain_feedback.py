@@ -16,13 +16,7 @@ DELAY = 1.5  # periods from a gauge's value to the torque: sampling, transport a
 
 
 class StrainFeedback:
-    """Adds the torque of :class:`denoc_ros.dynamics.strain_damping.StrainDamping`.
-
-    Parameters
-    ----------
-    name : str
-        The node's, for messages.
-    """
+    """Adds the torque of :class:`denoc_ros.dynamics.strain_damping.StrainDamping`."""
 
     def __init__(self, name: str) -> None:
         self._name = name
@@ -37,16 +31,6 @@ class StrainFeedback:
         self, robot: Robot, joints: Sequence[str], settings: Settings, limits: Array
     ) -> None:
         """Take a robot over; with gains, show that they dissipate.
-
-        Parameters
-        ----------
-        robot : Robot
-        joints : sequence of str
-            That are driven.
-        settings : Settings
-            The node's parameters.
-        limits : (n,) array
-            Effort limits.
 
         Raises
         ------

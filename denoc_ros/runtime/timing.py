@@ -52,8 +52,6 @@ class LoopLoad:
 
     Parameters
     ----------
-    period : float
-        Of the loop [s].
     priority : int
         Its SCHED_FIFO priority; 0: none, so there is nothing to give up.
     tell : callable
@@ -61,8 +59,6 @@ class LoopLoad:
 
     Attributes
     ----------
-    period : float
-        As given.
     threshold : float
         Share of a core, and of a period, from which on the loop is overloaded.
     due : float
@@ -73,8 +69,6 @@ class LoopLoad:
         Time from a deadline to the end of its tick, the median of the last window [s].
     cause : str
         Why the machine does not carry the loop; '' if it does.
-    has_yielded : bool
-        Whether the loop runs without its priority.
     """
 
     def __init__(
@@ -276,14 +270,8 @@ class RealtimeLoop:
 
     Parameters
     ----------
-    rate : float
-        Hz.
-    tick : callable
-        Called with the number of periods to advance.
     priority, core : int
         SCHED_FIFO priority (0: none) and core (-1: any) of the thread.
-    clock : Clock, optional
-        The clock of the deadlines; default the steady clock.
     tell : callable, optional
         Takes a sentence when the machine does not carry the loop, and when it does again.
 
@@ -443,11 +431,6 @@ class PhaseLock:
     A stamp is the time that a measurement is for. Half a period later it has come, and what is
     sent arrives half a period before the next one is due: the delay is the same in every period,
     and neither side's lateness changes it unless it is more than half a period.
-
-    Parameters
-    ----------
-    period : float
-        Of the loop [s].
 
     Attributes
     ----------

@@ -44,8 +44,6 @@ class TorqueLimiter:
 
     Attributes
     ----------
-    limits : (n,) array
-        As given.
     last : (n,) array
         What left last.
     clamped : (n,) array of int
@@ -107,8 +105,6 @@ class SafeCommand:
         say nothing any more.
     ramp_time : float
         s, of the ramp.
-    joints : int
-        Number of joints.
     """
 
     def __init__(self, action: str, ramp_time: float, joints: int) -> None:
@@ -205,7 +201,6 @@ class FollowingConditions:
 
     Parameters
     ----------
-    settings : Settings
     from_joints : bool
         Whether the reference is the measured motion itself.
 
@@ -246,8 +241,6 @@ class FollowingConditions:
             Age of the last good joint state [s]; infinite if there is none.
         has_posture : bool
             Whether it is one that the model can have.
-        given : bool
-            Whether there is any reference.
         reference_age : float
             Of the last streamed point [s]; 0 for a trajectory.
         """
@@ -272,10 +265,6 @@ class CarryingTorque:
 
     A measured posture may have none: one in which the loops of a mechanism do not close, or whose
     numbers overflow.
-
-    Parameters
-    ----------
-    joints : int
 
     Attributes
     ----------
@@ -338,10 +327,6 @@ def torque_feedforward(
 
     Parameters
     ----------
-    robot : Robot
-    joints : sequence of str
-        That are driven.
-    settings : Settings
     posture : (n,) array
         Near which loops are closed.
     in_loop : bool
@@ -367,14 +352,11 @@ class LiveTorque:
 
     Parameters
     ----------
-    source : TorqueFeedforward
     in_loop : bool
         Whether a model that fails is left alone for a while, so that the loop keeps its period.
 
     Attributes
     ----------
-    source : TorqueFeedforward
-        The model's at present.
     failures : int
         How often it gave no torque.
     """
@@ -426,12 +408,6 @@ class TorqueStatus:
         ----------
         cause : str
             What the torque follows, or why it does not.
-        limiter : TorqueLimiter
-            What it leaves through.
-        model_failures : int
-            How often the model gave no torque.
-        more : mapping
-            Further values.
         """
         status = Status('torque', message=cause)
         status.values = {

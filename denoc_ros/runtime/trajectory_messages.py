@@ -14,12 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from denoc_ros.bags.cdr import ENCAPSULATION
-from denoc_ros.runtime.conversions import (
-    LONGEST,
-    MessageReader,
-    joint_map,
-    require_finite,
-)
+from denoc_ros.runtime.conversions import LONGEST, MessageReader, joint_map, require_finite
 from denoc_ros.runtime.input_monitor import InputError
 from denoc_ros.runtime.motion_bounds import MotionBounds
 from denoc_ros.trajectories import SplineTrajectory
@@ -77,11 +72,8 @@ def read_trajectory(
 
     Parameters
     ----------
-    raw : bytes
     joints : sequence of str
         The node's n joints.
-    bounds : MotionBounds, optional
-        What they can have; default everything finite.
     partial : bool
         Whether it may name some of them only, or have no points.
 

@@ -14,7 +14,7 @@ from itertools import chain
 from pathlib import Path
 from typing import Any
 
-from denoc_ros.cli.arguments import add_json
+from denoc_ros.cli.arguments import add_json, add_option
 from denoc_ros.cli.config import find_file
 from denoc_ros.studies.benchmarks import derivatives, growth, loading, rigid
 from denoc_ros.studies.benchmarks.limits import Account, accounts
@@ -37,17 +37,13 @@ DESCRIPTION = (
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
-    parser.add_argument(
-        '--only',
-        nargs='+',
-        choices=GROUPS,
-        metavar='NAME',
-        help=f'groups to run, of {", ".join(GROUPS)}',
+    add_option(
+        parser, '--only NAME', f'groups to run, of {", ".join(GROUPS)}', nargs='+', choices=GROUPS
     )
-    parser.add_argument(
+    add_option(
+        parser,
         '--quick',
-        action='store_true',
-        help='check everything with less work, in seconds; times and limits then mean nothing',
+        'check everything with less work, in seconds; times and limits then mean nothing',
     )
     add_json(parser)
 
@@ -106,8 +102,6 @@ def measured_lines(groups: Collection[str], quick: bool) -> Iterator[BenchLine]:
 
     Parameters
     ----------
-    groups : collection of str
-        Of `GROUPS`.
     quick : bool
         Check on less, and call only a few times: no line has a reach then.
     """

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from lxml import etree
 
+from denoc_ros.cli.arguments import add_option
 from denoc_ros.cli.config import find_file
 from denoc_ros.model.findings import Element
 from denoc_ros.model.poses import number_text, rpy_of
@@ -22,39 +23,23 @@ DESCRIPTION = 'Write the robot of a Denavit-Hartenberg table as a URDF with flex
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
-    parser.add_argument(
+    add_option(
+        parser,
         'table',
-        help='YAML file with one system, or with several by name; '
-        'one that is not here is looked for where the package is installed',
+        'YAML file with one system, or with several by name; one that is not here is '
+        'looked for where the package is installed',
     )
     parser.add_argument('-o', '--output', required=True, help='the URDF to write, a new file')
-    parser.add_argument('--system', help='name of the system, for a file with several')
-    parser.add_argument(
-        '--kinds',
-        help='R (rigid) or F (flexible) for each link, such as FFR; default: as in the table',
+    add_option(parser, '--system SYSTEM', 'name of the system, for a file with several')
+    add_option(
+        parser,
+        '--kinds KINDS',
+        'R (rigid) or F (flexible) for each link, such as FFR; default: as in the table',
     )
 
 
 def run(args: argparse.Namespace) -> int:
-    """Write the URDF of a table.
-
-    Parameters
-    ----------
-    args : argparse.Namespace
-        `table`, `output`, `system`, `kinds`.
-
-    Returns
-    -------
-    int
-        0; what is wrong is raised.
-
-    Raises
-    ------
-    ConfigError
-        With every finding of the table, or if the output exists or cannot be written.
-    ModelError
-        If the table's robot is not possible.
-    """
+    """Write the URDF of a table."""
     system = load_system(
         find_file(Path(args.table), Path()) or args.table, args.system, args.kinds
     )
@@ -71,11 +56,6 @@ VISUAL_WIDTH = 0.04  # of the longest link
 
 def urdf_text(system: DHSystem) -> str:
     """Return a system's URDF.
-
-    Parameters
-    ----------
-    system : DHSystem
-        A validated table.
 
     Returns
     -------
@@ -181,7 +161,6 @@ def _add_visuals(element: Element, link: DHLink, width: float) -> None:
 
 
 def _end(link: DHLink) -> tuple[Array, Array]:
-    """Return position and axes of the next joint's frame, seen from the link's."""
     return np.array([link.a, 0.0, link.b]), _rotation_x(link.alpha)
 
 

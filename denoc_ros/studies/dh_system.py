@@ -72,16 +72,6 @@ def load_system(
     kinds : str, optional
         R (rigid) or F (flexible) for each link, instead of the table's own. Default: flexible
         where the table gives a rigidity.
-
-    Returns
-    -------
-    DHSystem
-        Validated.
-
-    Raises
-    ------
-    ConfigError
-        With every finding of the table.
     """
     where = os.fspath(path)
     content = read_yaml_file(Path(where))
@@ -498,8 +488,6 @@ def read_chains(reader: TableReader, shared: float | None) -> tuple[DHChain, ...
 
     Parameters
     ----------
-    reader : TableReader
-        The system.
     shared : float or None
         EI of links that give none [N m^2].
     """

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from denoc_ros.cli.arguments import add_json, given_file
+from denoc_ros.cli.arguments import add_json, add_option, given_file
 from denoc_ros.cli.progress import share_bar
 from denoc_ros.cli.simulate import load
 from denoc_ros.cli.verb_result import VerbResult
@@ -49,9 +49,9 @@ DESCRIPTION = (
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
-    parser.add_argument('robot', help='the URDF file')
-    parser.add_argument(
-        'scenario', help='a YAML file with torques, such as config/scenarios/stability_*.yaml'
+    add_option(parser, 'robot', 'the URDF file')
+    add_option(
+        parser, 'scenario', 'a YAML file with torques, such as config/scenarios/stability_*.yaml'
     )
     parser.add_argument(
         '-o',
@@ -80,15 +80,7 @@ def run(args: argparse.Namespace) -> VerbResult:
 
 
 def summarize(study: Study, scenario: Scenario) -> dict[str, Any]:
-    """Return a study's figures, ready for JSON; times in s, deviations in rad or m, powers in W.
-
-    Parameters
-    ----------
-    study : Study
-        As `denoc_ros.studies.stability_study.study_stability` returns it.
-    scenario : Scenario
-        What was studied.
-    """
+    """Return a study's figures, ready for JSON: times in s, deviations in rad or m, powers in W"""
     growing = int(np.argmax(study.growth))
     return {
         'duration_s': float(study.times[-1]),
@@ -132,7 +124,6 @@ def _by_joint(study: Study, values: Any) -> dict[str, float]:
 
 
 def _lines(summary: Mapping[str, Any]) -> Iterator[str]:
-    """Yield the figures of a study for a terminal."""
     runs = summary['algorithms'].items()
     yield (
         f'{summary["output"]}: {summary["duration_s"]:g} s, {summary["method"]}, '
@@ -170,19 +161,7 @@ SMALLEST = 1e-17  # what a deviation of zero is drawn as
 def page(
     study: Study, scenario: Scenario, subtitle: str, provenance: Mapping[str, str]
 ) -> ReportPage:
-    """Return the page of a study.
-
-    Parameters
-    ----------
-    study : Study
-        What was found.
-    scenario : Scenario
-        What was studied.
-    subtitle : str
-        Which robot and scenario.
-    provenance : mapping
-        What the page was made from and with.
-    """
+    """Return the page of a study."""
     duration = study.times[-1] - study.times[0]
     step = study.times[1] - study.times[0]
     return ReportPage(

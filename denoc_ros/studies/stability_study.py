@@ -216,7 +216,7 @@ def study_stability(
     return Study(
         robot.joint_names,
         joints,
-        _joint_units(robot),
+        tuple(robot.tree.joints[name].unit for name in robot.joint_names),
         scenario.times,
         solution,
         exact,
@@ -306,10 +306,6 @@ def _require_forward(robot: Robot, scenario: Scenario) -> None:
     if len(scenario.times) < 4:
         findings.append(f'the scenario must have 4 output times, got {len(scenario.times)}')
     ConfigError.raise_any('stability', findings)
-
-
-def _joint_units(robot: Robot) -> tuple[str, ...]:
-    return tuple(robot.tree.joints[name].unit for name in robot.joint_names)
 
 
 def _desired(robot: Robot, scenario: Scenario) -> Trace | None:

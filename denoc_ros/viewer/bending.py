@@ -34,8 +34,6 @@ def exaggerated(robot: Robot, q: Array, scale: float) -> Array:
 
     Parameters
     ----------
-    robot : Robot
-    q : (n,) array
     scale : float
         1: as it is; 0: undeflected.
 
@@ -61,20 +59,8 @@ def exaggerated(robot: Robot, q: Array, scale: float) -> Array:
 class BentLink:
     """The surface of a flexible link.
 
-    Parameters
-    ----------
-    robot : Robot
-    outline : LinkSurface
-
     Attributes
     ----------
-    link : str
-    outline : LinkSurface
-        The undeformed surface.
-    vertices : int
-        Their number.
-    faces : (f, 3) int array
-    colour : of the undeformed surface
     stations : (s,) array
         Of the cross-sections that vertices hang on [m].
 
@@ -143,15 +129,8 @@ class MeshedLink:
 
     Parameters
     ----------
-    robot : Robot
     body : Body
         With component modes whose file has a surface.
-    colour : of the undeformed surface
-
-    Attributes
-    ----------
-    link, outline, vertices, faces, colour
-        As :class:`BentLink`.
 
     Notes
     -----
@@ -198,21 +177,16 @@ class Bending:
     ----------
     robot : Robot
         Not shared with another thread.
-    folder : path, optional
-        Where relative names of mesh files start.
-
-    Attributes
-    ----------
-    rigid : tuple of LinkSurface
-    flexible : tuple of BentLink or MeshedLink
-    links : tuple of str
-        All that are drawn.
     """
 
     def __init__(self, robot: Robot, folder: Path | None = None) -> None:
         self._robot = robot
         bends = {beam.link for beam in whole_beams(robot.tree)}
-        meshed = {body.name: body for body in robot.tree.bodies if _has_surface(body)}
+        meshed = {
+            body.name: body
+            for body in robot.tree.bodies
+            if body.modes is not None and body.modes.link.surface is not None
+        }
         drawn = outlines(robot, folder)
         colours = {outline.link: outline.colour for outline in drawn}
         still = [outline for outline in drawn if outline.link not in bends | meshed.keys()]
@@ -239,10 +213,6 @@ class Bending:
     def strains(self, q: Array) -> tuple[Array, ...]:
         """Return the bending strains (v,) of the vertices of `flexible` at coordinates (n,)."""
         return tuple(part.strain(q) for part in self.flexible)
-
-
-def _has_surface(body: Body) -> bool:
-    return body.modes is not None and body.modes.link.surface is not None
 
 
 def strain_colours(strain: Array, limit: float) -> NDArray[np.uint8]:

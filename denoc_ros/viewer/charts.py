@@ -34,12 +34,7 @@ def grouped(names: Sequence[str]) -> dict[str, list[str]]:
 
 
 class Charts:
-    """The charts of a page.
-
-    Parameters
-    ----------
-    gui : viser's gui
-    """
+    """The charts of a page."""
 
     def __init__(self, gui: Any) -> None:
         self._gui = gui

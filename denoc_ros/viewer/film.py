@@ -120,24 +120,14 @@ def write_film(
 
     Parameters
     ----------
-    run : RecordedRun
-        Of the robot.
     robot : Robot
         Its workspace is used.
-    path : Path
-        A new file or one to replace, `.mp4` or `.gif`.
-    look : Look, optional
     fps : float, optional
         Frames per second; default 30, of a GIF 20.
     speed : float
         Seconds of the run per second of the film: below 1 is slow motion.
     progress : callable, optional
         Called with the seconds of the run that were drawn.
-
-    Returns
-    -------
-    int
-        The number of frames.
 
     Raises
     ------
@@ -206,13 +196,6 @@ def write_strip(
 ) -> None:
     """Write some instants of a run as one PNG.
 
-    Parameters
-    ----------
-    run, robot, look, count
-        As of :func:`strip_image`.
-    path : Path
-        A new file or one to replace, `.png`.
-
     Raises
     ------
     ConfigError
@@ -228,13 +211,6 @@ def strip_image(
     run: RecordedRun, robot: Robot, look: Look | None = None, count: int = 6
 ) -> Image.Image:
     """Return some instants of a run, evenly over its phases or all of it, as one picture.
-
-    Parameters
-    ----------
-    run, robot, look
-        As of :func:`write_film`.
-    count : int
-        How many instants.
 
     Raises
     ------

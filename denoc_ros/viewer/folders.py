@@ -46,8 +46,6 @@ class ModeShapes:
     ----------
     q : (n,) array
         The configuration that the modes are about.
-    found : NaturalModes
-    labels : list of str
     """
 
     def __init__(self, robot: Robot, q: Array) -> None:
@@ -132,8 +130,6 @@ class ModePlayer:
 
     Parameters
     ----------
-    gui : viser's gui
-    robot : Robot
     where : callable
         Returns the coordinates (n,) to find modes at.
     draw : callable
@@ -234,17 +230,7 @@ def start_configuration(robot: Robot, joints: Mapping[str, float] | None = None)
 
 
 class JointSliders:
-    """The folder of a page that moves joints; joints bound by loops follow.
-
-    Parameters
-    ----------
-    gui : viser's gui
-    robot : Robot
-    start : (n,) array
-        Where it begins.
-    draw : callable
-        Draws a moment.
-    """
+    """The folder of a page that moves joints; joints bound by loops follow."""
 
     def __init__(
         self, gui: Any, robot: Robot, start: Array, draw: Callable[[Snapshot], None]
@@ -319,11 +305,6 @@ class Playback:
 
     Parameters
     ----------
-    gui : viser's gui
-    run : sequence of Snapshot
-        At least one, in order of time.
-    draw : callable
-        Draws a moment.
     watched : callable
         Says whether anybody looks: the run waits else.
     """
@@ -393,7 +374,6 @@ class Ticker:
 
     Parameters
     ----------
-    period : float [s]
     tick : callable
         Takes the time since the last call [s].
     """

@@ -48,7 +48,6 @@ def outlines(robot: Robot, folder: Path | None = None) -> list[LinkSurface]:
 
     Parameters
     ----------
-    robot : Robot
     folder : path, optional
         Where relative names of mesh files start. `package://` is looked for in the prefixes of
         AMENT_PREFIX_PATH and above that folder; nothing is fetched from a network.

@@ -29,16 +29,9 @@ class Arrows:
 
     Parameters
     ----------
-    scene : viser's scene
-    name : str
     reach : float [m]
         Of the robot.
     colour : red, green, blue of 0 .. 255
-
-    Attributes
-    ----------
-    largest : float
-        In the arrows' unit; 0 until there is one.
     """
 
     def __init__(self, scene: Any, name: str, reach: float, colour: Colour) -> None:
@@ -72,14 +65,7 @@ class Arrows:
 
 
 class Overlays:
-    """Arrows of a moment's torques, forces and reactions.
-
-    Parameters
-    ----------
-    scene : viser's scene
-    robot : Robot
-        Not shared with another thread.
-    """
+    """Arrows of a moment's torques, forces and reactions."""
 
     def __init__(self, scene: Any, robot: Robot) -> None:
         self._robot = robot
@@ -199,7 +185,6 @@ def reactions_of(robot: Robot, moment: Snapshot) -> Reactions | None:
 
     Parameters
     ----------
-    robot : Robot
     moment : Snapshot
         Without torques the joints are taken to move on at their rates; without rates to rest.
 

@@ -288,8 +288,6 @@ def recorded_page(
         What deflections are drawn larger by.
     fps : float
         Frames per second [Hz].
-    folder : path, optional
-        Where relative names of mesh files start.
 
     Returns
     -------
@@ -336,17 +334,7 @@ class Exhibit(NamedTuple):
 
 
 def offer(page: Page, names: Sequence[str], shown: str, load: Callable[[str], Exhibit]) -> None:
-    """Put a list of robots on a page, each with sliders for its joints.
-
-    Parameters
-    ----------
-    page : Page
-    names : sequence of str
-    shown : str
-        The one to begin with.
-    load : callable
-        Returns a robot by its name.
-    """
+    """Put a list of robots on a page, each with sliders for its joints."""
     gui = page.server.gui
     with gui.add_folder('Systems', order=-10.0):
         choice = gui.add_dropdown('Robot', tuple(names), initial_value=shown)
@@ -442,15 +430,7 @@ def check_values(server: viser.ViserServer) -> None:
 
 
 def is_possible(control: Any, updates: Any) -> bool:
-    """Say whether a control can take the values of a browser's message.
-
-    Parameters
-    ----------
-    control : viser handle
-        A slider, checkbox, list of choices or button.
-    updates : mapping
-        By the name of what is changed.
-    """
+    """Say whether a control can take the values of a browser's message."""
     if not isinstance(updates, dict) or set(updates) != {'value'}:
         return False
     value, now = updates['value'], control.value

@@ -41,10 +41,6 @@ class Scene:
 
     Parameters
     ----------
-    axes : Axes
-    staging : SceneSetup
-    numbered : bool
-        Whether coordinates stand beside a flat view.
     noted : bool
         Whether the size of the floor's squares stands below other views.
     """
@@ -102,13 +98,6 @@ class ComparisonPicture:
 
     Parameters
     ----------
-    staging : SceneSetup
-        Of all motions.
-    names : sequence of str
-        Of the motions, from left to right.
-    title : str
-    stated : str
-        About the deflection that is drawn.
     size : (int, int)
         Width and height [pixels].
     """
@@ -172,9 +161,6 @@ class Picture:
 
     Parameters
     ----------
-    run : RecordedRun
-    staging : SceneSetup
-    title : str
     size : (int, int)
         Width and height [pixels].
     """
@@ -210,18 +196,12 @@ class Picture:
 
 
 def strip(
-    run: RecordedRun,
-    staging: SceneSetup,
-    title: str,
-    size: tuple[int, int],
-    times: Array,
+    run: RecordedRun, staging: SceneSetup, title: str, size: tuple[int, int], times: Array
 ) -> Pixels:
     """Return several instants of a run side by side, (height, width, 3).
 
     Parameters
     ----------
-    run, staging, title, size
-        As of :class:`Picture`.
     times : (k,) array
         Of the instants [s].
     """

@@ -71,8 +71,6 @@ class RecordedRun(Sequence[Snapshot]):
         Where the amplitudes came from.
     t : (k,) array
         Times since the first joint state of the bag [s].
-    q : (k, n) array
-        Coordinates.
     names : tuple of str
         Of the channels; they are NaN where their topic was not recorded.
     phases : tuple of (float, str)
@@ -283,7 +281,6 @@ class RecordedRun(Sequence[Snapshot]):
 
 
 def _known(columns: Mapping[str, Array], index: int) -> dict[str, float]:
-    """Finite values at a moment, by name."""
     row = {name: float(column[index]) for name, column in columns.items()}
     return {name: value for name, value in row.items() if math.isfinite(value)}
 

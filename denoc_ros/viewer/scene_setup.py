@@ -58,15 +58,9 @@ class SceneSetup:
         All that is to be shown; some of it decides what is left open.
     scale : float
         What deflections are drawn larger by; 0: chosen so that they are seen.
-    view : str
-        As of `camera`.
-    folder : Path, optional
-        Where relative names of mesh files start.
 
     Attributes
     ----------
-    scale : float
-    camera : Camera
     low, high : (3,) arrays
         The box around all that is shown: right, up, towards the eye [m].
     box : pair of (3,) arrays
@@ -202,7 +196,6 @@ def _side(corners: Array) -> float:
 
 
 def _normals(corners: Array) -> Array:
-    """Return the unit normals (f, 3) of triangles (f, 3, 3)."""
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     return np.asarray(normals / np.maximum(np.linalg.norm(normals, axis=1), TINY)[:, np.newaxis])
 

@@ -23,15 +23,7 @@ class Snapshot:
 
 
 def deflection_channel(what: str, tip: str) -> str:
-    """Return the channel of a tip's component.
-
-    Parameters
-    ----------
-    what : str
-        Whose word it is: `predicted`, `true`, …
-    tip : str
-        `link/uy` and so on, as the deflection topics name it.
-    """
+    """Return the channel of a tip's component."""
     link, _, component = tip.rpartition('/')
     group = 'twist [rad]' if component.startswith('r') else 'deflection [m]'
     return f'{group}/{what} {link} {component}'

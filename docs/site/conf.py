@@ -41,6 +41,7 @@ autosummary_generate = False
 autodoc_member_order = 'bysource'
 autodoc_inherit_docstrings = False
 autodoc_typehints = 'signature'
+autodoc_use_type_comments = False
 autodoc_type_aliases = {name: name for name in ('Array', 'Mask', 'ArrayLike', 'Wrenches', 'Base')}
 add_module_names = False
 smartquotes = False

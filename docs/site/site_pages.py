@@ -23,6 +23,8 @@ from docutils import nodes
 from docutils.utils.math.latex2mathml import tex2mathml
 from sphinx.application import Sphinx
 from sphinx.config import Config
+from sphinx.domains.python import ObjectEntry, PythonDomain
+from sphinx.environment import BuildEnvironment
 from sphinx.ext.autodoc.mock import ismock, mock
 from sphinx.pycode import ModuleAnalyzer
 
@@ -427,9 +429,31 @@ def analyze(analyzer: ModuleAnalyzer) -> None:
     analyzer._analyzed = True
 
 
+class RememberedNames(PythonDomain):
+    """Names of the reference, each sought once: a type stands in thousands of signatures."""
+
+    def find_obj(
+        self,
+        env: BuildEnvironment,
+        modname: str,
+        classname: str,
+        name: str,
+        type: str | None,
+        searchmode: int = 0,
+    ) -> list[tuple[str, ObjectEntry]]:
+        """Return the objects of a name, as seen from a module and a class."""
+        known = self.__dict__.setdefault('known', {})
+        key = (len(self.objects), modname, classname, name, type, searchmode)
+        if key not in known:
+            known[key] = super().find_obj(env, modname, classname, name, type, searchmode)
+        found: list[tuple[str, ObjectEntry]] = known[key]
+        return found
+
+
 def setup(app: Sphinx) -> dict[str, bool]:
     """Register with Sphinx."""
     ModuleAnalyzer.analyze = analyze
+    app.add_domain(RememberedNames, override=True)
     app.add_html_math_renderer('mathml', (show_mathml, None), (show_mathml_block, None))
     app.connect('config-inited', write_pages)
     app.connect('autodoc-process-docstring', plain_words, priority=400)

@@ -14,7 +14,7 @@ from page_look import require_one_look
 from denoc_ros.cli.main import main
 from denoc_ros.identification.records import Record
 from denoc_ros.reports.identify_result import interval_text
-from denoc_ros.studies.synthetic import Defects, Truth, synthetic_decay
+from denoc_ros.studies.selftest import Defects, Truth, synthetic_decay
 
 MODES = (Truth(1.1, 0.01, 1.0, 0.3), Truth(20.5, 0.004, 0.3, 1.0))
 BAG = Defects(40.0, offset=0.1, drift=0.05, jitter=0.1, lost=0.05)

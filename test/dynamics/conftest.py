@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from denoc_ros.dynamics import batch
 from denoc_ros.types import Array
 
 Close = Callable[[Array, Array, float], None]
@@ -23,3 +24,10 @@ def close() -> Close:
         np.testing.assert_allclose(value, expected, rtol=0, atol=relative * scale)
 
     return check
+
+
+@pytest.fixture
+def two_threads(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Share rows out over two threads where it does not pay yet."""
+    monkeypatch.setattr(batch, 'cores', lambda: 2)
+    monkeypatch.setattr(batch, 'LEAST_PER_THREAD', 64)

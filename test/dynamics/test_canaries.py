@@ -16,7 +16,8 @@ from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.dynamics.stepper import Stepper
 from denoc_ros.types import Array
 
-ROWS = 70  # enough for two threads
+pytestmark = pytest.mark.usefixtures('two_threads')
+ROWS = 70
 
 
 @pytest.fixture

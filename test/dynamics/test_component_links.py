@@ -198,6 +198,18 @@ def test_a_bad_element_is_told(tmp_path: Path, block: str, match: str) -> None:
         dn.load_robot(path)
 
 
+@pytest.mark.parametrize(('factor', 'told'), [(1.0 + 1e-9, False), (1.01, True)])
+def test_a_mass_beside_that_of_the_file_is_told(tmp_path: Path, factor: float, told: bool) -> None:
+    beamed = dn.load_robot(robot_text(beams(False), False))
+    write_files(beamed, tmp_path, False)
+    mass = factor * link_file.read(tmp_path / 'b.npz').mass
+    text = robot_text(FILES.replace('b.npz"', 'b.npz" inertial="file"'), False)
+    path = tmp_path / 'arm.urdf'
+    path.write_text(text.replace('<mass value="2"/>', f'<mass value="{mass!r}"/>'))
+    warnings = dn.load_robot(path).tree.warnings
+    assert any('which the link takes' in each for each in warnings) is told
+
+
 def test_a_text_needs_an_absolute_path(tmp_path: Path) -> None:
     write_files(dn.load_robot(robot_text(beams(False), False)), tmp_path, False)
     with pytest.raises(ModelError, match='absolute path or a package:// address'):

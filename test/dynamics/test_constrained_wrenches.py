@@ -127,8 +127,9 @@ def test_hybrid_and_inverse_derivatives_of_loops_take_wrenches(close: Close, kin
         close(T.T @ value, by, RELATIVE)
 
 
+@pytest.mark.usefixtures('two_threads')
 def test_rows_with_wrenches_are_those_of_single_states(close: Close) -> None:
-    """As many rows as take two threads; each state is another one."""
+    """By two threads; each state is another one."""
     c = closed('universal')
     robot, wrenches = c.robot, wrenches_on(c.robot)
     rng = np.random.default_rng(7)

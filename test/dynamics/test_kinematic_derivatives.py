@@ -97,10 +97,11 @@ def rig(repository: Path) -> Robot:
     return load_robot(repository / 'config/robots/ssrms.urdf')
 
 
+@pytest.mark.usefixtures('two_threads')
 def test_rows_and_outputs_are_those_of_single_states(repository: Path) -> None:
     robot = rig(repository)
     n, frame = robot.n, list(robot.tree.frames)[-1]
-    q, qd, qdd = np.random.default_rng(3).uniform(-0.3, 0.3, (3, 130, n))  # enough for threads
+    q, qd, qdd = np.random.default_rng(3).uniform(-0.3, 0.3, (3, 130, n))
     shapes = {
         'frame_motion': (2, 6),
         'frame_jacobian_rate': (6, n),

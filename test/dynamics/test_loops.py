@@ -115,10 +115,11 @@ def test_loops_that_share_links_and_a_mimic_joint_equal_the_oracle(
     close(qdd, accelerations, 1e-8)
 
 
+@pytest.mark.usefixtures('two_threads')
 @pytest.mark.parametrize('kind', LOOPS)
 def test_rows_of_states_equal_states_one_by_one(close: Close, kind: str) -> None:
     c = closed(1, kind)
-    robot, many = c.robot, 130  # two threads
+    robot, many = c.robot, 130
     rng = np.random.default_rng(2)
     tau = rng.normal(size=(many, robot.n))
     qdd, multipliers = robot.constrained_forward_dynamics(c.q, c.qd, tau)

@@ -203,6 +203,7 @@ def test_one_motion_or_one_for_each_row(arm: Case) -> None:
     assert hybrid.inverse_inertia.shape[0] == 4
 
 
+@pytest.mark.usefixtures('two_threads')
 def test_many_rows_in_threads(arm: Case) -> None:
     """Workspaces of other threads move alike."""
     q, qd, qdd = (np.tile(x, (500, 1)) for x in (arm.q, arm.qd, arm.qdd))

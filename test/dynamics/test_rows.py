@@ -13,7 +13,8 @@ from strategies import random_state
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.types import Array
 
-ROWS = 150  # enough for two threads
+pytestmark = pytest.mark.usefixtures('two_threads')
+ROWS = 150
 
 
 @pytest.fixture(scope='module')

@@ -9,7 +9,7 @@ from scipy.stats import binom
 
 from denoc_ros.identification.fit import fit_modes
 from denoc_ros.identification.records import Record
-from denoc_ros.studies.synthetic import Defects, Truth, synthetic_decay
+from denoc_ros.studies.selftest import Defects, Truth, synthetic_decay
 
 CHANCE = 1e-5  # that estimators which are as honest as promised fail
 

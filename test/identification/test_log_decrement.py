@@ -13,7 +13,7 @@ from denoc_ros.identification.decrement import (
     log_decrement,
 )
 from denoc_ros.identification.records import Record
-from denoc_ros.studies.synthetic import Defects, Truth, synthetic_decay
+from denoc_ros.studies.selftest import Defects, Truth, synthetic_decay
 
 
 def test_book_convention_gives_the_printed_joint_coefficient() -> None:

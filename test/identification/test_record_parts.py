@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from denoc_ros.identification.records import Record, assess
 from denoc_ros.identification.segments import find_segments
-from denoc_ros.studies.synthetic import Defects, Truth, synthetic_decay
+from denoc_ros.studies.selftest import Defects, Truth, synthetic_decay
 
 Floats = NDArray[np.float64]
 

@@ -6,8 +6,10 @@ ansys-mapdl-reader's (MIT): a bar of 40 bricks, clamped in the first and free in
 
 from __future__ import annotations
 
+import struct
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -44,11 +46,89 @@ def test_nodes_and_rows_of_an_output2_file_are_those_of_a_table(tmp_path: Path) 
     assert (found.dof_axes == table.dof_axes).all()
 
 
+def words(*numbers: int) -> bytes:
+    return b''.join(record(struct.pack('i', number)) for number in numbers)
+
+
+def record(content: bytes) -> bytes:
+    length = struct.pack('i', len(content))
+    return length + content + length
+
+
+def output2_matrix(name: str, matrix: Array, kind: int = 2) -> bytes:
+    """Return a data block as Nastran's OUTPUT2 writes it: trailer, then a string per column."""
+    rows, columns = matrix.shape
+    called = name.ljust(8).encode()
+    trailer = struct.pack('7i', 101, columns, rows, 6, kind, 2, 1)
+    parts = [words(2), record(called), words(-1, 7), record(trailer), words(-2, 1, 0, 2)]
+    parts += [record(called), words(-3, 1, 1)]
+    for at, column in enumerate(matrix.T):
+        content = struct.pack('i', 1) + column.tobytes()
+        last = at == columns - 1
+        parts += [words(len(content) // 4), record(content), words(-4 - at, 1, 0 if last else 1)]
+    return b''.join(parts) + words(0)
+
+
+def output2(file: Path, **matrices: Any) -> Path:
+    """Write the nodes of two grids, and matrices behind them, to one output2 file."""
+    blocks = (
+        output2_matrix(name, m, 4 if np.iscomplexobj(m) else 2) for name, m in matrices.items()
+    )
+    end = words(0)
+    file.write_bytes(TWO_NODES.read_bytes().removesuffix(end) + b''.join(blocks) + end)
+    return file
+
+
+def test_an_output2_file_has_matrices_and_nodes(tmp_path: Path) -> None:
+    both = pair(12)
+    op4.write(str(tmp_path / 'both.op4'), both)
+    other = read_matrices(tmp_path / 'both.op4', None, str(TWO_NODES))
+    # a modal stiffness and the map of a superelement are no pair
+    rest = {'KHH': np.eye(3), 'MAPS': np.ones((1, 5))}
+    whole = output2(tmp_path / 'all.op2', KAA=both['kaa'], **rest, MAA=both['maa'])
+    apart = output2(tmp_path / 'k.op2', KGG=both['kaa'])
+    mass = output2(tmp_path / 'm.op2', MGG=both['maa'])
+    for found in (read_matrices(whole, None, None), read_matrices(apart, str(mass), None)):
+        assert abs(found.stiffness - other.stiffness).max() == 0.0
+        assert abs(found.mass - other.mass).max() == 0.0
+        assert (found.nodes == other.nodes).all()
+        assert (found.dof_axes == other.dof_axes).all()
+
+
+def test_what_an_output2_file_lacks_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    both = pair(12)
+    bad = output2(tmp_path / 'bad.op2', KGG=both['kaa'])
+    with pytest.raises(ModelError, match='must be the mass, named M…, got SUPERID, KGG'):
+        read_matrices(bad, None, None)
+    with pytest.raises(ModelError, match='must be the stiffness, named K…, got SUPERID'):
+        read_matrices(TWO_NODES, None, None)
+    output2(bad, KGG=both['kaa'], MGG=1j * both['maa'])
+    with pytest.raises(ModelError, match='matrix MGG must be real'):
+        read_matrices(bad, None, None)
+    output2(bad, KGG=both['kaa'], MGG=both['maa'])
+    monkeypatch.setattr(matrices, 'MOST_BYTES', 5000)
+    with pytest.raises(ModelError, match=r'must have at most 4 GB'):
+        read_matrices(bad, None, None)
+    bad.write_bytes(bad.read_bytes()[:1800])
+    monkeypatch.setattr(matrices, 'MOST_BYTES', 4 << 30)
+    with pytest.raises(ModelError, match='the file must be'):
+        read_matrices(bad, None, None)
+    content = output2_matrix('KGG', np.eye(2)) + output2_matrix('MGG', np.eye(2)) + words(0)
+    bad.write_bytes(content)
+    with pytest.raises(ModelError, match='an output2 file with BGPDT, EQEXIN and USET'):
+        read_matrices(bad, None, None)
+    bad.write_bytes(content.replace(struct.pack('2i', 2, 2), struct.pack('2i', 10**6, 10**6)))
+    with pytest.raises(ModelError, match=r'at most 23170 rows .* OUTPUT4'):
+        read_matrices(bad, None, None)
+
+
 def test_rows_of_ansys_are_the_beam_s() -> None:
     """A clamped bar of 5 x 1 x 1: bending (sheared by 2 %), torsion and stretch of bars."""
-    keys, (stiffness, mass), constrained = ansys_matrices(Path(examples.fullfile))
+    rows, (stiffness, mass), constrained = ansys_matrices(Path(examples.fullfile))
     free = np.flatnonzero(stiffness.diagonal() > 0.0)
-    assert len(free) == len(keys) - constrained
+    assert len(free) == len(rows) - constrained
     dense = (matrix.toarray()[np.ix_(free, free)] for matrix in (stiffness, mass))
     found = np.sqrt(eigh(*dense, eigvals_only=True, subset_by_index=(0, 6))) / (2.0 * np.pi)
     material = reader.read_binary(examples.rstfile).materials[1]

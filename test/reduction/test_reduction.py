@@ -18,6 +18,7 @@ from pyyeti.nastran import op4
 from skfem import MeshTet
 
 from denoc_ros.cli.main import main
+from denoc_ros.errors import SolverError
 from denoc_ros.model.link_file import read
 from denoc_ros.reduction import craig_bampton
 from denoc_ros.reduction.body import patches_of
@@ -110,19 +111,41 @@ def test_points_hold_the_bodys_integrals(reduced: Reduction) -> None:
     assert np.einsum('kia,kja->ij', phi, phi) == pytest.approx(np.eye(6), abs=1e-9)
 
 
-def test_large_bodies_are_refined_to_the_same_modes(monkeypatch: pytest.MonkeyPatch) -> None:
+def slender_block() -> Solid:
     mesh = MeshTet.init_tensor(
         np.linspace(0.0, 0.4, 9), np.linspace(-0.05, 0.05, 3), np.linspace(-0.05, 0.05, 3)
     )
-    solid = Solid('block', mesh.p.T, mesh.t.T, STEEL)
+    return Solid('block', mesh.p.T, mesh.t.T, STEEL)
+
+
+def test_large_bodies_are_refined_to_the_same_modes(monkeypatch: pytest.MonkeyPatch) -> None:
     found = []
-    for rows in (craig_bampton.HALVED, 0):
-        monkeypatch.setattr(craig_bampton, 'HALVED', rows)
-        found.append(reduce_solid(solid, tip_frames(), Wishes(), 'block').link)
-    double, single = found
-    assert single.frequencies == pytest.approx(double.frequencies, rel=1e-8)
+    for rows in (craig_bampton.FACTORED, 0):
+        monkeypatch.setattr(craig_bampton, 'FACTORED', rows)
+        found.append(reduce_solid(slender_block(), tip_frames(), Wishes(), 'block').link)
+    factored, refined = found
+    assert refined.frequencies == pytest.approx(factored.frequencies, rel=1e-8)
     sags = [(link.frames['tip'].phi ** 2 / link.stiffness).sum(axis=1) for link in found]
     assert sags[1] == pytest.approx(sags[0], rel=1e-7)
+    curves = [link.frames['tip'].quadratic for link in found]
+    sizes = [np.sort(np.linalg.norm(curve, axis=0)) for curve in curves]  # of either sign
+    assert sizes[1] == pytest.approx(sizes[0], rel=1e-6, abs=1e-6 * sizes[0].max())
+
+
+@pytest.mark.parametrize(
+    ('name', 'value', 'match'),
+    [
+        ('MOST_STEPS', 1, 'block: conjugate gradients must converge for .* got none in 1 steps'),
+        ('LARGEST_RESIDUAL', 0.0, 'block: modes must converge: .* got a residual of'),
+    ],
+)
+def test_a_large_body_that_does_not_converge_is_told(
+    name: str, value: float, match: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(craig_bampton, 'FACTORED', 0)
+    monkeypatch.setattr(craig_bampton, name, value)
+    with pytest.raises(SolverError, match=match):
+        reduce_solid(slender_block(), tip_frames(), Wishes(), 'block')
 
 
 def test_sag_at_the_frame_is_that_of_the_whole_mesh(reduced: Reduction) -> None:

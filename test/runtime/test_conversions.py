@@ -276,8 +276,7 @@ def test_prebuilt_messages_say_what_is_written_into_them() -> None:
     state = JointStateMessage(['a', 'longer name', 'c'], ('position', 'effort'), 'base')
     state.position[:] = 1.0, 2.0, 3.0
     state.effort[:] = 4.0, 5.0, 6.0
-    state.stamp(1_234_567_891_011)
-    read = deserialize_message(state.bytes(), JointState)
+    read = deserialize_message(state.bytes(1_234_567_891_011), JointState)
     assert (read.name, read.header.frame_id) == (['a', 'longer name', 'c'], 'base')
     assert list(read.position) + list(read.effort) == [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]
     assert list(read.velocity) == []

@@ -57,8 +57,7 @@ def test_stamps_beyond_what_a_message_can_say_are_the_nearest(
     stamp_ns: int, seconds: int, nanoseconds: int | None
 ) -> None:
     message = JointStateMessage(['a'], ('position',))
-    message.stamp(stamp_ns)
-    stamp = deserialize_message(message.bytes(), JointState).header.stamp
+    stamp = deserialize_message(message.bytes(stamp_ns), JointState).header.stamp
     assert stamp.sec == seconds
     if nanoseconds is not None:
         assert stamp.nanosec == nanoseconds

@@ -73,11 +73,10 @@ def test_a_message_of_known_layout_is_taken_or_refused_as_step_by_step(
     bounds = MotionBounds(order, limits, 0.5, 100.0, 2.0) if bounded else None
     message = JointStateMessage(JOINTS, fields, 'frame')
     at_rest = message.bytes()
-    message.stamp(stamp_ns)
     for field, row in zip(FIELDS, rows, strict=True):
         if field in fields:
             getattr(message, field)[:] = row
-    raw = bytearray(message.bytes())
+    raw = bytearray(message.bytes(stamp_ns))
     if broken is not None:
         raw[broken[0] % len(raw)] = broken[1]
     if length:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import cache
+from functools import cache, cached_property
 
 import numpy as np
 from data_files import CLAMPED_FREE_CANADARM
@@ -35,7 +35,7 @@ AFTER = 5.0  # s
 ROTORS = {'joint_1': 300.0, 'joint_2': 150.0, 'joint_3': 20.0}  # kg m^2
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Planned:
     """A plan as the feedforward has it: per period all coordinates, their rates, the torque."""
 
@@ -55,11 +55,23 @@ class Planned:
     def limits(self) -> Array:
         return np.full(len(self.robot.joint_names), self.effort)
 
+    @cached_property
+    def tip(self) -> Array:
+        """Return where the tip is at the end of each period (k, 3) [m]."""
+        return self.robot.frame_pose('tool', self.q[1:])[:, :3, 3]
+
     def schedule(self, **more: float) -> GainSchedule:
-        settings = FeedbackSettings(period=PERIOD, tip='tool', delay=DELAY * PERIOD, **more)
-        names = self.robot.joint_names
-        job = GainJob(names, self.limits, np.zeros(self.robot.n), settings, START, self.trajectory)
-        return job.schedule(self.robot)
+        return designed(self, **more)
+
+
+@cache
+def designed(planned: Planned, **more: float) -> GainSchedule:
+    """Return the gains along a plan; nothing changes them."""
+    settings = FeedbackSettings(period=PERIOD, tip='tool', delay=DELAY * PERIOD, **more)
+    robot, trajectory = planned.robot, planned.trajectory
+    idle = np.zeros(robot.n)
+    job = GainJob(robot.joint_names, planned.limits, idle, settings, START, trajectory)
+    return job.schedule(robot)
 
 
 def canadarm(stiffness: float = 1.0, load: float = 1.0, source: str = str(CANADARM)) -> Robot:
@@ -168,7 +180,8 @@ class Loop:
         q, qd, tau = self._start()
         qdd, before = np.zeros((2, truth.n))
         queue = deque([plan.torque[0]] * round(DELAY * SUBSTEPS))
-        error, torque, share = np.zeros(count), np.zeros((count, joints)), np.zeros(count)
+        torque, share = np.zeros((count, joints)), np.zeros(count)
+        reached = np.empty((count, truth.n))
         generator = np.random.default_rng(self.seed)
         paused = part = 0
         pauses = {round(at / PERIOD): round(long / PERIOD) for at, long in self.away.items()}
@@ -195,8 +208,9 @@ class Loop:
                 before[:] = qd
                 stepper.free(q, qd, tau)
                 np.divide(qd - before, PERIOD / SUBSTEPS, out=qdd)
-            there = truth.frame_pose('tool', q)[:3, 3]
-            error[k] = np.linalg.norm(there - plan.robot.frame_pose('tool', plan.q[k + 1])[:3, 3])
+            reached[k] = q
+        there = truth.frame_pose('tool', reached)[:, :3, 3]
+        error = np.linalg.norm(there - plan.tip[:count], axis=1)
         return Outcome(error, torque, share, round(plan.duration / PERIOD))
 
     def _touched(self, q: Array, qd: Array) -> Array | float:

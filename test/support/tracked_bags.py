@@ -37,8 +37,7 @@ def write_tracked(run: TrackedRun, robot: Robot, path: Path, effort: str = '') -
             ]
             said = {'/strain': strain, '/joint_states': states}
             for topic, message in ({effort: commands} | said if effort else said).items():
-                message.stamp(stamp)
-                writer.write(topic, stamp, message.bytes())
+                writer.write(topic, stamp, message.bytes(stamp))
     return path
 
 

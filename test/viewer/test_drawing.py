@@ -19,7 +19,7 @@ from denoc_ros.viewer.folders import MOST_SAG, SWING, ModeShapes, settled, start
 from denoc_ros.viewer.outline import reach
 from denoc_ros.viewer.overlays import LONGEST, Arrows, Overlays
 from denoc_ros.viewer.snapshot import Snapshot
-from denoc_ros.viewer.surfaces import BANDS, Surfaces
+from denoc_ros.viewer.view import BANDS, Surfaces
 
 
 class Recorder:

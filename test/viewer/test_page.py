@@ -25,7 +25,7 @@ from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import ConfigError, StateError
 from denoc_ros.viewer.page import Page, recorded_page
 from denoc_ros.viewer.snapshot import Snapshot
-from denoc_ros.viewer.surfaces import BANDS
+from denoc_ros.viewer.view import BANDS
 
 TIMEOUT = 90.0  # s for what takes a second on a machine that does nothing else
 

@@ -103,8 +103,6 @@ class ExcitationSearch:
 
     Parameters
     ----------
-    space : MotionSpace
-    channels : ExcitedChannels
     times : (k,) array
         At which motions are worked out.
     """
@@ -305,10 +303,6 @@ def design_excitation(
     progress : callable, optional
         Receives the share of the time limit that is over.
 
-    Returns
-    -------
-    Excitation
-
     Raises
     ------
     ConfigError
@@ -381,7 +375,6 @@ def _require(
 def _narrowed(
     robot: Robot, limits: JointLimits, ranges: Mapping[str, tuple[float, float]]
 ) -> JointLimits:
-    """Return limits of joints with narrower ranges of some positions."""
     lower, upper = limits.lower.copy(), limits.upper.copy()
     names, findings = list(robot.joint_names), []
     for name, (low, high) in ranges.items():
@@ -400,7 +393,6 @@ def _narrowed(
 
 
 def _start(along: PrescribedRobot, limits: JointLimits, given: Mapping[str, float]) -> Array:
-    """Return where the driven joints begin."""
     findings = [
         f'start must be of joints of {", ".join(along.joints)}, got {name!r}'
         for name in given

@@ -44,8 +44,6 @@ class RestSeries:
 
     Parameters
     ----------
-    duration : float
-        s.
     harmonics : int
         At least 3.
 
@@ -114,15 +112,6 @@ class PrescribedRobot:
     ----------
     robot : Robot
         Without loops; mimic joints follow their leaders.
-
-    Attributes
-    ----------
-    joints, every_joint : tuple of str
-        The driven joints, and all.
-    units : dict of str to (str, str)
-        Of each joint's position and effort.
-    links : tuple of str
-        The flexible ones.
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -201,9 +190,6 @@ class ExcitedChannels:
 
     Parameters
     ----------
-    along : PrescribedRobot
-        Of the robot as it is.
-    parameters : FreeParameters
     noise : dict of str to float
         Deviation of one sample of each channel: `effort.<joint>` [N m, N], `<sensor>` in the unit
         of its value, `<imu>.gyro` [rad/s] and `<imu>.accel` [m/s^2]; infinite: not recorded.
@@ -231,7 +217,6 @@ class ExcitedChannels:
         self._inertial_noise = np.array(
             [noise[f'{name}.{part.partition("_")[0]}'] for name, part in self._parts]
         )
-        self._point = parameters.settings(np.zeros(parameters.size))
         linear, self._paths = parameters.linear(set(parameters.robot.joint_names))
         self._linear, self._slopes = linear, parameters.slopes(np.zeros(parameters.size))
         self._others = sorted(set(range(parameters.size)) - set(linear))
@@ -270,8 +255,6 @@ class ExcitedChannels:
 
         Parameters
         ----------
-        rows : MotionRows
-            Evenly spaced.
         both : bool
             Differences to both sides: twice the work, squares of the error.
         """
@@ -292,7 +275,7 @@ class ExcitedChannels:
                 below = self.whitened(*self._side(k, -STEP), rows)
                 found[:, :, k] = (above - below) / (2.0 * STEP)
                 continue
-            here = self.whitened(*self._here(), rows) if here is None else here
+            here = self.whitened(*self._side(k, 0.0), rows) if here is None else here
             found[:, :, k] = (above - here) / STEP
         return found.reshape(-1, size)
 
@@ -300,20 +283,14 @@ class ExcitedChannels:
         """Return the root of how many samples a row stands for."""
         return float(np.sqrt(self.rate * (rows.t[1] - rows.t[0])))
 
-    def _here(self) -> tuple[PrescribedRobot, SearchPoint]:
-        return self._sides.setdefault((-1, 0.0), (self._made(self._point), self._point))
-
     def _side(self, k: int, change: float) -> tuple[PrescribedRobot, SearchPoint]:
-        """Return the robot with one theta changed; made once."""
+        """Return the robot with one theta changed, or none by 0; made once."""
         if (k, change) not in self._sides:
             theta = np.zeros(self.parameters.size)
             theta[k] = change
             point = self.parameters.settings(theta)
-            self._sides[(k, change)] = (self._made(point), point)
-        return self._sides[(k, change)]
-
-    def _made(self, point: SearchPoint) -> PrescribedRobot:
-        return PrescribedRobot(self.parameters.robot_at(point))
+            self._sides[k, change] = PrescribedRobot(self.parameters.robot_at(point)), point
+        return self._sides[k, change]
 
 
 def _late(t: Array, values: Array, delay: float) -> Array:
@@ -335,10 +312,6 @@ def channel_noise(
 
     Parameters
     ----------
-    robot : Robot
-        Its sensors have a noise.
-    joints : iterable of str
-        The driven joints.
     given : dict of str to float
         `effort` of all joints, `effort.<joint>`, `<sensor>`, `<imu>.gyro`, `<imu>.accel`;
         infinite: not recorded, as IMUs are whose description has no noise.

@@ -157,10 +157,6 @@ def identify_model(
     poses : dict of str to str, optional
         Topic of geometry_msgs/PoseStamped of a tracker to the frame whose pose it has.
 
-    Returns
-    -------
-    IdentifiedModel
-
     Raises
     ------
     ConfigError
@@ -264,13 +260,11 @@ def with_far_starts(found: IdentifiedModel, led: Mapping[str, float]) -> Identif
 def _search(
     robot: Robot, whole: Sequence[Recording], free: Sequence[str], cutoff: float, step: float
 ) -> ModelSearch:
-    """Return the search over all recordings that begins at a robot's numbers."""
     runs = [PreparedRun(recording, robot, cutoff, step) for recording in whole]
     return ModelSearch(runs, free_parameters(robot, free, whole))
 
 
 def _fitted(search: ModelSearch, held_out: float) -> IdentifiedModel:
-    """Return the model that a search ends with."""
     began = time.perf_counter()
     parameters = search.parameters
     zero = np.zeros(parameters.size)

@@ -22,13 +22,7 @@ from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.robot_model import with_numbers_of
 from denoc_ros.errors import ConfigError
 from denoc_ros.model.arrays import inertia_row
-from denoc_ros.model.inertia import (
-    difference,
-    inverse_transform,
-    moved,
-    pseudo_inertia,
-    total,
-)
+from denoc_ros.model.inertia import difference, inverse_transform, moved, pseudo_inertia, total
 from denoc_ros.model.link_side import motors_behind
 from denoc_ros.model.numbers import match, some_of, values_of
 from denoc_ros.model.payloads import carrying_links, payloads_of
@@ -79,9 +73,6 @@ def free_numbers(
 
     Parameters
     ----------
-    robot : Robot
-    efforts : dict of str to float
-        The largest measured torque of each joint.
     spreads : dict of str to float
         By how much the value of each sensor was measured to vary, by its name.
     """
@@ -304,7 +295,8 @@ class FreeParameters:
     ) -> None:
         self.robot = robot
         numbers = {n.path: n for n in free_numbers(robot, efforts or {}, spreads or {})}
-        blocks = {block.path: block for block in _blocks(robot)}
+        bodies = filter(_is_possible, robot.tree.bodies)
+        blocks = {block.path: block for block in map(InertialBlock, bodies)}
         hidden = _hidden(robot, numbers)
         chosen = _chosen(
             free, [path for path in (*numbers, *blocks) if path not in hidden], hidden
@@ -399,11 +391,6 @@ class FreeParameters:
 
         There are none where loops or mimic joints make joints follow others, unless none of
         those is recorded: fingers that stand still are a body like any other.
-
-        Parameters
-        ----------
-        joints : set of str
-            Those that recordings have.
         """
         tree = self.robot.tree
         is_tied = bool(tree.loops) or any(
@@ -531,11 +518,6 @@ def _chosen(free: Sequence[str], known: Sequence[str], hidden: Set[str]) -> list
         findings.append('--free must name what is free, got nothing')
     ConfigError.raise_any(WHERE, findings)
     return list(chosen)
-
-
-def _blocks(robot: Robot) -> list[InertialBlock]:
-    """Return the rigid bodies that have a mass, and an inertia that a body can have."""
-    return [InertialBlock(body) for body in robot.tree.bodies if _is_possible(body)]
 
 
 def _is_possible(body: Body) -> bool:

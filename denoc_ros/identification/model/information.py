@@ -67,7 +67,6 @@ def information(
     ----------
     jacobian : (m, p) array
         Of the residuals (m,) by the parameters, in sizes of theirs.
-    residual : (m,) array
     blocks : (m,) int array
         Which stretch of time a row is of: rows of one stretch may hang together as they like.
     drawn : (d, m) array, optional
@@ -130,13 +129,7 @@ def information(
 
 
 def left_beside_noise(offsets: Mask) -> Array:
-    """Error that no number of samples reduces (p,), in sizes.
-
-    Parameters
-    ----------
-    offsets : (p,) bool array
-        Which parameters are offsets of sensors.
-    """
+    """Error that no number of samples reduces (p,), in sizes."""
     return np.asarray(np.where(offsets, EXACT_OFFSET, EXACT))
 
 
@@ -162,8 +155,6 @@ def combinations(info: Information, names: Sequence[str], factors: Mask) -> list
 
     Parameters
     ----------
-    info : Information
-    names : sequence of str
     factors : (p,) bool array
         Parameters whose logarithms are combined: products; the others' sums.
 

@@ -35,8 +35,6 @@ class NearbyMotion:
     ----------
     robot : Robot
         Without loops, mimic joints or a floating base.
-    joints : sequence of str
-        Order of the torques.
     t : (k,) array
         [s]
     starts : (k,) bool array
@@ -151,7 +149,6 @@ def linked_rows(nearby: NearbyMotion, t: Array, row_t: Array, by_state: Array) -
 
     Parameters
     ----------
-    nearby : NearbyMotion
     t : (k,) array
         Its stamps [s].
     row_t : (m,) array
@@ -177,8 +174,6 @@ class Innovations:
 
     Parameters
     ----------
-    nearby : NearbyMotion
-    rows : LinkedRows
     deviation : (m,) array
         Of each row's own noise.
     rate_noise : (joints of the robot,) array
@@ -188,12 +183,7 @@ class Innovations:
     """
 
     def __init__(
-        self,
-        nearby: NearbyMotion,
-        rows: LinkedRows,
-        deviation: Array,
-        rate_noise: Array,
-        t: Array,
+        self, nearby: NearbyMotion, rows: LinkedRows, deviation: Array, rate_noise: Array, t: Array
     ) -> None:
         f = len(nearby.free)
         by_joints = nearby.by_joints * rate_noise

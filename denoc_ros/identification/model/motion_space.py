@@ -50,12 +50,8 @@ class MotionSpace:
 
     Parameters
     ----------
-    along : PrescribedRobot
-        The robot as it is.
-    series : RestSeries
     start : (driven,) array
         Where the motion begins and ends [rad, m].
-    limits : MotionLimits
 
     Raises
     ------
@@ -186,7 +182,6 @@ def deflection_limits(
 
     Parameters
     ----------
-    along : PrescribedRobot
     lengths : dict of str to float
         Of the flexible links [m].
     share : float

@@ -161,9 +161,6 @@ class PreparedRun:
 
     Parameters
     ----------
-    recording : Recording
-    robot : Robot
-        Whose joints and sensors are meant.
     cutoff : float
         Of the low-pass that measured effort and predicted torque both go through [Hz]: what noise
         of positions makes of accelerations above it does not count.
@@ -323,7 +320,6 @@ class PreparedRun:
 
         Parameters
         ----------
-        robot : Robot
         until : float
             Part of the run's time that matters: what is behind it is not worked out.
         draw : Generator, optional
@@ -353,8 +349,6 @@ class PreparedRun:
         ----------
         robot : Robot
             Of these settings, but for friction and armature of joints: those are added.
-        settings : SearchPoint
-            Gains and offsets of channels, and delays.
         motion : (states, torques), optional
             As `motion` gives them for this robot.
         """

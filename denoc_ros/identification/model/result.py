@@ -151,8 +151,6 @@ def applied_description(
 
     Parameters
     ----------
-    source : str or path
-        A file's path or XML text.
     found : IdentifiedModel
         Of that robot. Numbers that are not identifiable stay as they are in the file, and all ten
         of a rigid body where one of them is not.

@@ -63,7 +63,6 @@ def noise_of(values: Array, period: float, memory: float = 0.0) -> float:
 
     Parameters
     ----------
-    values : (k,) array
     period : float
         Between them [s].
     memory : float

@@ -65,11 +65,7 @@ def is_stiffness(path: str) -> bool:
 class ModelSearch:
     """Residuals of all runs by theta, their weights, and the search over them."""
 
-    def __init__(
-        self,
-        runs: Sequence[PreparedRun],
-        parameters: FreeParameters,
-    ) -> None:
+    def __init__(self, runs: Sequence[PreparedRun], parameters: FreeParameters) -> None:
         self.parameters, self._runs = parameters, runs
         channels = [(run, channel) for run in runs for channel in run.channels]
         self.labels = [(run.name, channel.name, channel.unit) for run, channel in channels]

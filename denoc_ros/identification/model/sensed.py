@@ -40,9 +40,6 @@ class SensedChannels:
 
     Parameters
     ----------
-    recording : Recording
-    robot : Robot
-        Whose sensors and frames are meant.
     span : (float, float)
         First and last stamp that counts [s].
     thinned : callable
@@ -73,6 +70,7 @@ class SensedChannels:
         for frame in self._frames:
             self._add_pose(frame, *_within(span, *recording.poses[frame]))
         self._names = {channel.name: channel for channel in self.channels}
+        self._last: dict[str, tuple[Robot, Array, float, Array]] = {}
         self.channels = [channel for channel in self.channels if len(channel.t)]
 
     def _add_inertial(
@@ -109,86 +107,101 @@ class SensedChannels:
 
         Parameters
         ----------
-        robot : Robot
         states : (3, j, n) array
             Coordinates, rates and accelerations at the joints' first j stamps.
-        settings : SearchPoint
-            Delays, gains and offsets.
         """
         found: list[Array] = []
-        if self._beams:
-            values = robot.beam_sensor_values(*states)
-            places = [sensor.name for sensor in robot.tree.sensors]
-            for mine in self._beams:
-                place = places.index(mine.name)
-                sensor = robot.tree.sensors[place]
-                seen = values[:, place]
-                if (behind := self._filters.get(mine.name)) is not None:
-                    seen = behind.passed(self._t[: len(seen)], seen)
-                path, given = f'sensor.{mine.name}', settings.channels
-                offset = given.get(f'{path}.offset', sensor.offset)
-                raw = (seen - offset) / given.get(f'{path}.gain', sensor.gain)
-                found.append(self._missed(mine.name, raw, settings.delays.get(mine.name, 0.0)))
-        found += self._of_inertial(robot, states, settings)
+        given = settings.channels
+        for name in (sensor.name for sensor in self._beams):
+            (own,) = [sensor for sensor in robot.tree.sensors if sensor.name == name]
+            offset = given.get(f'sensor.{name}.offset', own.offset)
+            gain = given.get(f'sensor.{name}.gain', own.gain)
+            seen = self._seen([name], robot, states, settings)
+            found += self._missed([name], (seen - offset) / gain)
+        for sensor in self._inertial:
+            parts = [part for part in sensor.parts if f'{sensor.name}/{part}' in self._names]
+            if not parts:
+                continue
+            path = f'sensor.{sensor.name}'
+            offsets = np.array([given.get(f'{path}.offset.{part}', 0.0) for part in parts])
+            gains = np.array([given.get(f'{path}.gain.{part}', 1.0) for part in parts])
+            names = [f'{sensor.name}/{part}' for part in parts]
+            seen = self._seen(names, robot, states, settings)
+            found += self._missed(names, (seen - offsets) / gains)
         for frame in self._frames:
-            found += self._of_pose(robot, frame, states[0], settings)
+            found += self._of_pose(robot, frame, states, settings)
         return [residual for residual in found if len(residual)]
 
-    def _of_inertial(self, robot: Robot, states: Array, settings: SearchPoint) -> list[Array]:
-        if not self._inertial:
-            return []
-        found: list[Array] = []
-        values = robot.sensor_values(*states)
-        passing = self._low_pass
-        if len(values) < len(self._t):
-            passing = passing[: len(values), : len(values)]
-        for sensor in self._inertial:
-            places = [k for k, p in enumerate(sensor.parts) if f'{sensor.name}/{p}' in self._names]
-            if not places:
-                continue
-            paths = [f'sensor.{sensor.name}.{{}}.{sensor.parts[k]}' for k in places]
-            gain, offset = (
-                np.array([settings.channels.get(path.format(word), usual) for path in paths])
-                for word, usual in (('gain', 1.0), ('offset', 0.0))
-            )
-            raw = (values[:, [sensor.first + k for k in places]] - offset) / gain
-            names = [f'{sensor.name}/{sensor.parts[k]}' for k in places]
-            delay = settings.delays.get(sensor.name, 0.0)
-            found += self._missed_together(names, passing @ raw, delay)
-        return found
+    def _seen(self, names: list[str], robot: Robot, states: Array, settings: SearchPoint) -> Array:
+        """Return a sensor's values (m, channels) at its stamps, before gain and offset.
 
-    def _of_pose(self, robot: Robot, frame: str, q: Array, settings: SearchPoint) -> list[Array]:
+        Points of a search that differ in those alone share them.
+        """
+        sensor = names[0].partition('/')[0]
+        delay = settings.delays.get(sensor, 0.0)
+
+        def compute() -> Array:
+            every = self._once('', robot, states, 0.0, lambda: self._values(robot, states))
+            values = every[:, [robot.tree.sensor_names.index(name) for name in names]]
+            if sensor != names[0]:
+                values = self._low_pass[: len(values), : len(values)] @ values
+            elif sensor in self._filters:
+                values = self._filters[sensor].passed(self._t[: len(values)], values[:, 0])[
+                    :, None
+                ]
+            return self._delayed(names[0], values, delay)
+
+        return self._once(sensor, robot, states, delay, compute)
+
+    def _values(self, robot: Robot, states: Array) -> Array:
+        """Return the values (j, values) of all sensors, of inertial ones if any was recorded."""
+        if self._inertial:
+            return robot.sensor_values(*states)
+        values = np.zeros((len(states[0]), len(robot.tree.sensor_names)))
+        values[:, robot.tree.beam_sensor_places] = robot.beam_sensor_values(*states)
+        return values
+
+    def _once(
+        self, what: str, robot: Robot, states: Array, delay: float, compute: Callable[[], Array]
+    ) -> Array:
+        """Return what was computed last of the same robot, motion and delay, or compute it."""
+        last = self._last.get(what)
+        if last is None or last[0] is not robot or last[1] is not states or last[2] != delay:
+            self._last[what] = last = (robot, states, delay, compute())
+        return last[3]
+
+    def _of_pose(
+        self, robot: Robot, frame: str, states: Array, settings: SearchPoint
+    ) -> list[Array]:
         """Residual of a tracker's pose; offsets turn and shift its axes."""
         if f'pose {frame}/x' not in self._names:
             return []
-        poses, path = robot.frame_pose(frame, q), f'pose.{frame}.offset'
-        offset = np.array([settings.channels.get(f'{path}.{part}', 0.0) for part in POSE_PARTS])
+        path, q = f'pose.{frame}', states[0]
+        poses = self._once(path, robot, states, 0.0, lambda: robot.frame_pose(frame, q))
+        offset = np.array(
+            [settings.channels.get(f'{path}.offset.{part}', 0.0) for part in POSE_PARTS]
+        )
         axes, middle = Rotation.from_rotvec(offset[3:]), self._middle[frame]
         turns = middle.inv() * axes * Rotation.from_matrix(poses[:, :3, :3])
         values = np.hstack([axes.apply(poses[:, :3, 3]) + offset[:3], turns.as_rotvec()])
-        delay = settings.delays.get(f'pose.{frame}', 0.0)
         names = [f'pose {frame}/{part}' for part in POSE_PARTS]
-        return self._missed_together(names, values, delay)
+        return self._missed(names, self._delayed(names[0], values, settings.delays.get(path, 0.0)))
 
-    def _missed_together(self, names: list[str], predicted: Array, delay: float) -> list[Array]:
-        """Return the same of channels with the same stamps, predicted (j, channels)."""
-        stamps = self._names[names[0]].t
+    def _delayed(self, name: str, values: Array, delay: float) -> Array:
+        """Return values (j, channels) at the joints' first stamps at a channel's stamps."""
+        stamps, count = self._names[name].t, len(values)
         if not len(stamps):
-            return [stamps for _ in names]
-        count = len(predicted)
-        at = np.minimum(stamps - delay, self._t[count - 1])
-        seen = CubicSpline(self._t[:count], predicted)(at)
-        return [self._names[name].value - own for name, own in zip(names, seen.T, strict=True)]
-
-    def _missed(self, name: str, predicted: Array, delay: float) -> Array:
-        """Measured minus predicted values of a channel at the joints' first stamps (j,)."""
-        channel, count = self._names[name], len(predicted)
-        if not len(channel.t):
-            return channel.t
+            return np.empty((0, values.shape[1]))
         # behind the last stamp that was worked out nothing counts: it stays as it was there
-        at = np.minimum(channel.t - delay, self._t[count - 1])
-        missed: Array = channel.value - CubicSpline(self._t[:count], predicted)(at)
-        return missed
+        at = np.minimum(stamps - delay, self._t[count - 1])
+        found: Array = CubicSpline(self._t[:count], values)(at)
+        return found
+
+    def _missed(self, names: list[str], predicted: Array) -> list[Array]:
+        """Return measured minus predicted (m, channels) of each channel."""
+        return [
+            self._names[name].value - own for name, own in zip(names, predicted.T, strict=True)
+        ]
 
 
 def _signal(name: str, unit: str, t: Array, value: Array) -> MeasuredSignal:

@@ -22,17 +22,10 @@ NEARBY = 0.01  # of theta: derivatives of a point this near serve as well
 class SimulatedRuns:
     """Residuals of all runs by theta, and their derivatives; the last results are kept.
 
-    Parameters
-    ----------
-    runs : sequence of PreparedRun
-    parameters : FreeParameters
-
     Attributes
     ----------
     until : float
         Part of the runs that matters: what is behind it is not worked out.
-    evaluations : int
-        How many times the model went along all runs.
     """
 
     def __init__(self, runs: Sequence[PreparedRun], parameters: FreeParameters) -> None:
@@ -116,10 +109,7 @@ class SimulatedRuns:
         return kept[2]
 
     def _differences(
-        self,
-        theta: Array,
-        places: Sequence[int],
-        motions_of: Callable[[Robot], list[Motion]],
+        self, theta: Array, places: Sequence[int], motions_of: Callable[[Robot], list[Motion]]
     ) -> Array:
         """Derivatives of the residuals (m, c) by differences of neighbouring robots."""
         here = self.residuals(theta)
@@ -127,7 +117,8 @@ class SimulatedRuns:
         robot, motions = self.moved(settings)
         found = np.empty((len(here), len(places)))
         of_robot = self.parameters.moves_robot
-        for column, k in enumerate(places):
+        # what moves nothing first: it shares what sensors see of the motion here
+        for column, k in sorted(enumerate(places), key=lambda each: bool(of_robot[each[1]])):
             change = np.zeros(self.parameters.size)
             change[k] = STEP
             point = self.parameters.settings(theta + change)

@@ -119,7 +119,6 @@ def reading_spreads(recording: Recording) -> dict[str, float]:
 
 
 def _shapes(count: int) -> list[tuple[int, ...]]:
-    """Return the shapes that readings of a sensor may have."""
     return [(count,), *((count, parts) for parts in sorted(PARTS))]
 
 
@@ -144,15 +143,6 @@ def read_source(
     path: str | Path, robot: Robot, settings: RecordingSettings | None = None
 ) -> Recording:
     """Read a robot's joints and sensors from a bag or a table.
-
-    Parameters
-    ----------
-    path : str or Path
-        What `read_bag` or `read_table` reads.
-    robot : Robot
-        Its joints, and the topics of its sensors.
-    settings : RecordingSettings, optional
-        How.
 
     Raises
     ------
@@ -305,7 +295,6 @@ def _with_torque_constants(
 
 
 def _window(whole: Recording, begin: float, end: float) -> Recording:
-    """Return the part of a recording between two times [s] since its first joint state."""
     if begin <= 0.0 and end == math.inf:
         return whole
     since = whole.t - whole.t[0]

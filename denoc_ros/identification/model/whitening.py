@@ -26,10 +26,6 @@ MOST = 0.9  # of the information along a direction that may be noise's
 class Whitening:
     """Whitening of residuals: each channel's deviation, and filters about a motion.
 
-    Parameters
-    ----------
-    runs : sequence of PreparedRun
-
     Attributes
     ----------
     deviation : (channels,) array

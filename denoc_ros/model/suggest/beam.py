@@ -32,50 +32,21 @@ SHORTEST = 1e-3  # m, to a next joint that is not beside the link's own
 
 @dataclass(frozen=True)
 class BeamSuggestion:
-    """Proposal of a beam for a link.
+    """Proposal of a beam for a link."""
 
-    Attributes
-    ----------
-    link : str
-        Its name.
-    worth : bool
-        Whether it is proposed, or was asked for.
-    reason : str
-        Why, or why not.
-    line : BeamLine
-        Where the beam lies.
-    mass_per_length : float
-        [kg/m].
-    beam_share : float
-        Of the link's mass in the beam; the rest stays rigid at the link's joint.
-    stiffness : Stiffness
-        EI and GJ, with what they rest on.
-    polar_inertia : float
-        Per length [kg m^2/m].
-    modes : tuple of int
-        (y, z, torsion).
-    damping_ratio : float
-        Assumed.
-    frequency : float
-        First bending frequency with what the link carries as a tip mass [Hz].
-    sag : float
-        Tip deflection of the link held level, under its weight and what it carries [m].
-    effort_deflection : float
-        Tip deflection under its joint's rated effort [m]; nan if none is rated.
-    """
-
-    link: str
-    worth: bool
-    reason: str
-    line: BeamLine
-    mass_per_length: float
-    beam_share: float
-    stiffness: Stiffness
-    polar_inertia: float
-    modes: tuple[int, int, int]
-    damping_ratio: float
-    frequency: float
-    sag: float
+    link: str  # its name
+    worth: bool  # whether it is proposed, or was asked for
+    reason: str  # why, or why not
+    line: BeamLine  # where the beam lies
+    mass_per_length: float  # [kg/m]
+    beam_share: float  # of the link's mass in the beam; the rest stays rigid at the link's joint
+    stiffness: Stiffness  # EI and GJ, with what they rest on
+    polar_inertia: float  # per length [kg m^2/m]
+    modes: tuple[int, int, int]  # (y, z, torsion)
+    damping_ratio: float  # assumed
+    frequency: float  # first bending frequency with what the link carries as a tip mass [Hz]
+    sag: float  # tip deflection of the link held level, under its weight and what it carries [m]
+    # tip deflection under its joint's rated effort [m]; nan if none is rated
     effort_deflection: float
 
 
@@ -96,16 +67,8 @@ def suggested_beam(
 
     Parameters
     ----------
-    link : str
-        Its name.
-    load : SubtreeInertia
-        Its place in the robot.
-    element : lxml element
-        `<link>`, for its geometry.
     wish : Wish
         The material, and what is worth it.
-    asked : bool
-        Whether it is to be flexible in any case.
     """
     if load.own.mass < SMALLEST:
         return 'it has no mass: a beam takes its share of the <inertial>'

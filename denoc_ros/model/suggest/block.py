@@ -28,12 +28,6 @@ def with_beams(
     ----------
     root : lxml element
         `<robot>`, parsed `whole`; the beams are added in place.
-    text : str
-        What it was parsed from.
-    beams : sequence of BeamSuggestion
-        At least one.
-    material : Material
-        What they are taken to be made of, said in a comment.
     """
     block = root.find('flexibility')
     if block is None:

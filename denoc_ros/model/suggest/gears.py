@@ -103,12 +103,8 @@ def suggested_springs(
 
     Parameters
     ----------
-    robot : RigidUrdf
     root : lxml element
         `<robot>`: joints that have a `<spring>` keep it, and are in neither answer.
-    family : GearFamily
-    looped : collection of str
-        Joints that loops close over.
     """
     block = root.find('flexibility')
     elements: list[Element] = [] if block is None else list(block)
@@ -147,19 +143,7 @@ def _unfit(joint: RigidUrdfJoint, looped: Collection[str]) -> str:
 def with_springs(
     root: Element, text: str, springs: tuple[SpringSuggestion, ...], family: GearFamily
 ) -> str:
-    """Return a description with springs, and rotors where there are none, added to its block.
-
-    Parameters
-    ----------
-    root : lxml element
-        `<robot>`, parsed `whole`; changed in place.
-    text : str
-        What it was parsed from.
-    springs : tuple of SpringSuggestion
-        At least one.
-    family : GearFamily
-        Said in a comment.
-    """
+    """Return a description with springs, and rotors where there are none, added to its block."""
     block = root.find('flexibility')
     if block is None:
         block = appended(root, etree.Element('flexibility'), 0)

@@ -28,23 +28,14 @@ ENDS = 0.5  # of the nearest side: what a taper keeps beyond the last cut
 
 @dataclass(frozen=True)
 class Outline:
-    """Outer size across a beam.
+    """Outer size across a beam."""
 
-    Attributes
-    ----------
-    y, z : float
-        Sides along the beam's y and z, of its middle [m].
-    circular : bool
-    origin : str
-        cylinder | box | mesh.
-    taper : tuple of (share, y, z)
-        Sides at shares of the length, from 0 to 1; empty for a prism.
-    """
-
+    # sides along the beam's y and z, of its middle [m]
     y: float
     z: float
     circular: bool
-    origin: str
+    origin: str  # cylinder | box | mesh
+    # (share, y, z): sides at shares of the length, from 0 to 1; empty for a prism
     taper: tuple[tuple[float, float, float], ...] = ()
 
 
@@ -53,8 +44,6 @@ def outline(link: Element, frame: Array, length: float, folder: Path) -> Outline
 
     Parameters
     ----------
-    link : lxml element
-        `<link>`.
     frame : ndarray (4, 4)
         Beam frame seen from the link frame.
     length : float

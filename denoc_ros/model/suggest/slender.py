@@ -49,8 +49,6 @@ def beam_line(body: RigidInertia, end: Array, across: Iterable[Array]) -> BeamLi
 
     Parameters
     ----------
-    body : RigidInertia
-        The link, in its frame.
     end : ndarray (3,)
         Where the next joint is, in the link frame [m].
     across : iterable of ndarray (3,)
@@ -146,16 +144,10 @@ def stiffness(
 
     Parameters
     ----------
-    body : RigidInertia
-        The whole link, in the beam frame.
-    line : BeamLine
-        Its length is used.
     mass_per_length : float
         What of the link is taken as the beam [kg/m].
     outer : Outline or None
         Its outer size, where the file says it.
-    material : Material
-        What it is made of.
 
     Returns
     -------

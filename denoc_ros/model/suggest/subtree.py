@@ -27,11 +27,6 @@ class SubtreeInertia:
 def link_loads(robot: RigidUrdf) -> dict[str, SubtreeInertia]:
     """Return each link's load, in file order.
 
-    Parameters
-    ----------
-    robot : RigidUrdf
-        A tree.
-
     Returns
     -------
     dict of str to SubtreeInertia

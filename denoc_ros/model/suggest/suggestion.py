@@ -29,32 +29,17 @@ from denoc_ros.model.urdf import tree_of
 
 @dataclass(frozen=True)
 class Suggestion:
-    """A robot with the links that are worth it made flexible.
+    """A robot with the links that are worth it made flexible."""
 
-    Attributes
-    ----------
-    material : Material
-        What all proposed links are taken to be made of.
-    beams : tuple of BeamSuggestion
-        Every moving link that could be a beam, in file order, worth it or not.
-    refused : dict of str to str
-        Moving links that cannot be one, and why.
-    text : str
-        The URDF with the block; the unchanged one where no link is worth it.
-    gears : GearFamily or None
-        What gears the joints are taken to have, where that was asked for.
-    springs : tuple of SpringSuggestion
-        Springs proposed for joints.
-    stiff : dict of str to str
-        Joints without a spring for which none is proposed, and why.
-    """
-
-    material: Material
+    material: Material  # what all proposed links are taken to be made of
+    # every moving link that could be a beam, in file order, worth it or not
     beams: tuple[BeamSuggestion, ...]
-    refused: dict[str, str]
-    text: str
+    refused: dict[str, str]  # moving links that cannot be one, and why
+    text: str  # the URDF with the block; the unchanged one where no link is worth it
+    # what gears the joints are taken to have, where that was asked for
     gears: GearFamily | None = None
-    springs: tuple[SpringSuggestion, ...] = ()
+    springs: tuple[SpringSuggestion, ...] = ()  # springs proposed for joints
+    # joints without a spring for which none is proposed, and why
     stiff: dict[str, str] = field(default_factory=dict)
 
 

@@ -45,7 +45,6 @@ def derivative_lines(file: Path, effort: Effort, quick: bool) -> Iterator[BenchL
 
 
 def _rigid_lines(effort: Effort) -> Iterator[BenchLine]:
-    """Yield rigid chains beside `computeRNEADerivatives` and `computeABADerivatives`."""
     for n, inverse, forward in zip(SIZES, REACH_INVERSE, REACH_FORWARD, strict=True):
         text = rigid_chain(n)
         robot, peer, states = load_robot(text), Pinocchio(text), random_states(load_robot(text))

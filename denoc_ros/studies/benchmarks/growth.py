@@ -18,13 +18,7 @@ from denoc_ros.studies.benchmarks.results import (
     Reach,
     compared,
 )
-from denoc_ros.studies.benchmarks.rigid import (
-    TOLERANCE,
-    State,
-    check,
-    random_states,
-    results,
-)
+from denoc_ros.studies.benchmarks.rigid import TOLERANCE, State, check, random_states, results
 from denoc_ros.studies.benchmarks.timing import Effort, Spread, Subject, Times, compare, ratio
 
 LINKS = (8, 16, 32, 64, 128)
@@ -228,14 +222,8 @@ def dynamics_lines(
 
     Parameters
     ----------
-    group : str
-    names : (str, str)
-        Of the two, as the line says them.
     robots : two of (Robot, sequence of state)
         The verbs are called at the states in turn.
-    reach : float
-        Largest ratio.
-    effort : Effort
     """
     subjects = []
     for robot, states in robots:

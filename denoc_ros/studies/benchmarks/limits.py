@@ -43,10 +43,7 @@ RIGID_SIX: Printed = {
         'Featherstone': (199 * 6 - 198, 174 * 6 - 173),
         'Brandl': (250 * 6 - 222, 220 * 6 - 198),
     },
-    INVERSE: {
-        'Saha': (120 * 6 - 44, 97 * 6 - 55),
-        'Walker-Orin': (137 * 6 - 22, 101 * 6 - 11),
-    },
+    INVERSE: {'Saha': (120 * 6 - 44, 97 * 6 - 55), 'Walker-Orin': (137 * 6 - 22, 101 * 6 - 11)},
 }
 SIX_LINKS: Printed = {
     FORWARD: {'Mohan-Saha': (9038, 7311), 'Cyril': (10812, 8538)},
@@ -58,7 +55,7 @@ SIX_LINKS: Printed = {
     },
 }
 EIGHT_LINKS: Printed = {
-    FORWARD: {'Mohan-Saha': (9874, 7699), 'Jain-Rodriguez, 9 links': (11889, 9387)},
+    FORWARD: {'Mohan-Saha': (9874, 7699), 'Jain-Rodriguez, 9 links': (11889, 9387)}
 }
 
 

@@ -54,8 +54,6 @@ def load_lines(file: Path, cold: bool) -> Iterator[BenchLine]:
 
     Parameters
     ----------
-    file : Path
-        The robot.
     cold : bool
         Whether to compile all kernels anew, which takes a minute.
     """

@@ -57,14 +57,7 @@ class Operations:
 
 
 class Counted:
-    """A number that counts its operations; change of sign and comparison are free.
-
-    Parameters
-    ----------
-    value : float
-    tally : Operations
-        What counts.
-    """
+    """A number that counts its operations; change of sign and comparison are free."""
 
     __slots__ = ('tally', 'value')
 
@@ -166,14 +159,8 @@ class Counted:
 class CountingKernels:
     """The kernels' source as plain Python functions over one robot's arrays.
 
-    Parameters
-    ----------
-    robot : Robot
-
     Attributes
     ----------
-    tally : Operations
-        Of the last call.
     shares : dict of str to int
         Multiplications and additions of the last call by the kernel that does them itself, its
         products of vectors included.
@@ -219,7 +206,6 @@ class CountingKernels:
         return function
 
     def _attributed(self, function: FunctionType) -> Callable[..., Any]:
-        """Wrap a function to add its own operations to its share."""
         name, tally, running = function.__name__, self.tally, self._running
 
         def attributed(*arguments: Any) -> Any:

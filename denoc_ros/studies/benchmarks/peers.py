@@ -18,17 +18,7 @@ State = tuple[Array, ...]
 
 
 class Pinocchio:
-    """Pinocchio's model of a URDF text whose joints turn within limits.
-
-    Parameters
-    ----------
-    text : str
-
-    Raises
-    ------
-    DenocError
-        It is not installed.
-    """
+    """Pinocchio's model of a URDF text whose joints turn within limits."""
 
     def __init__(self, text: str) -> None:
         try:
@@ -129,13 +119,7 @@ AXES = ('0 0 1', '0 1 0', '1 0 0')
 
 
 def rigid_chain(n: int) -> str:
-    """Return a chain of n rigid links, turned and offset in general, joints about z, y, x, z, …
-
-    Parameters
-    ----------
-    n : int
-        Number of joints.
-    """
+    """Return a chain of n rigid links, turned and offset in general, joints about z, y, x, z, …"""
     parts = ['<robot name="rigid_chain"><link name="link_0"/>']
     for k in range(1, n + 1):
         turn = f'{0.4 * math.sin(k)!r} {0.3 * math.cos(2 * k)!r} {0.2 * math.sin(3 * k)!r}'
@@ -153,8 +137,6 @@ def flexible_chain(n: int, y: int, z: int, torsion: int) -> str:
 
     Parameters
     ----------
-    n : int
-        Number of links.
     y, z, torsion : int
         Modes per link: of bending in two directions and of torsion; 0 leaves it rigid.
     """

@@ -92,10 +92,6 @@ def compared(
 
     Parameters
     ----------
-    line : BenchLine
-        Without values.
-    subjects : (ours, peer)
-    effort : Effort
     most : float, optional
         Largest ratio that is good.
     """

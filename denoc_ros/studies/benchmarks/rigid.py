@@ -87,7 +87,6 @@ def beside(
 
     Parameters
     ----------
-    subjects : (ours, ours without checks, peer)
     reach : float
         Largest ratio of the first line; the second has none.
     """
@@ -207,14 +206,7 @@ LOOP_TOLERANCE = 1e-9  # two solutions of a mechanism that is far from singular
 
 
 def loop_lines(robots: Path, effort: Effort) -> Iterator[BenchLine]:
-    """Yield constrained forward dynamics of the book's mechanisms.
-
-    Parameters
-    ----------
-    robots : Path
-        The folder of their descriptions.
-    effort : Effort
-    """
+    """Yield constrained forward dynamics of the book's mechanisms."""
     yield _beside_tree(load_robot(robots / f'{FLEXIBLE}.urdf'), effort)
     for name in RIGID:
         yield _beside_pinocchio((robots / f'{name}.urdf').read_text(), effort)
