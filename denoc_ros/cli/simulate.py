@@ -36,6 +36,7 @@ from denoc_ros.dynamics.deflection import TipDeflections
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import ConfigError
 from denoc_ros.estimation.setpoints import rounded_setpoints, smoothed
+from denoc_ros.model.source import complete_text
 from denoc_ros.output_files import require_new
 from denoc_ros.reports.provenance import named_file, versions
 from denoc_ros.reports.run_files import SIMULATED
@@ -67,7 +68,7 @@ def load(robot: str, scenario: str, smooth: float | None = None) -> tuple[Robot,
     robot_file, scenario_file = given_file(robot, 'robot'), given_file(scenario, 'scenario')
     values = _smooth_enough(_with_reference(read_yaml(scenario_file), scenario_file), smooth)
     loaded, made = prepare(robot_file, values, str(scenario_file))
-    return loaded, made, robot_file.read_text(encoding='utf-8')
+    return loaded, made, complete_text(robot_file)
 
 
 def _with_reference(values: dict[str, Any], scenario: Path) -> dict[str, Any]:

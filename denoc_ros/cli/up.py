@@ -29,6 +29,7 @@ from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.errors import ConfigError, DenocError
 from denoc_ros.model.mjcf import SEGMENTS
 from denoc_ros.model.plant_description import description_in_words
+from denoc_ros.model.source import complete_text
 from denoc_ros.reports.provenance import versions
 from denoc_ros.simulation.reference import trajectory_from_config
 from denoc_ros.viewer.outline import tell_missing_meshes
@@ -219,7 +220,7 @@ def _client(
     """Enter the graph, and leave it whatever happens: neither may be interrupted."""
     from denoc_ros.nodes.session_client import SessionClient
 
-    description = config.robot.read_text(encoding='utf-8')
+    description = complete_text(config.robot)
 
     def watch() -> None:
         interrupts.check()

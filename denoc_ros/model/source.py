@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 from pathlib import Path
+from xml.sax.saxutils import escape
 
 from lxml import etree
 
@@ -43,6 +44,30 @@ def read_source(source: str | os.PathLike[str]) -> tuple[str, str]:
         if len(raw) > LARGEST_TEXT:
             return where, raw.decode('utf-8', 'replace')
         raise ModelError(where, [f'the file must be UTF-8 text, got: {error}']) from error
+
+
+def complete_text(source: str | os.PathLike[str]) -> str:
+    """Return a robot description's text with the files that it names found from everywhere.
+
+    Of a text, itself. Errors are those of :func:`read_source`.
+    """
+    where, text = read_source(source)
+    return text if where == TEXT_NAME else with_absolute_files(text, Path(where).parent)
+
+
+def with_absolute_files(text: str, folder: Path) -> str:
+    """Return a description whose attributes `file` relative to its folder are absolute paths."""
+
+    def absolute(found: re.Match[str]) -> str:
+        before, quote, name = found.groups()
+        if '://' in name or Path(name).is_absolute():
+            return found[0]
+        way = escape(f'{folder.resolve()}/', {'"': '&quot;', "'": '&apos;'})
+        return f'{before}{quote}{way}{name}'
+
+    return re.sub(
+        r"""(<(?:flexible|section)\s[^<>]*?\bfile\s*=\s*)(["'])([^"'<>]+)""", absolute, text
+    )
 
 
 def is_text(source: str) -> bool:

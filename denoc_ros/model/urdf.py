@@ -18,7 +18,7 @@ from denoc_ros.model.inertia import inverse_transform, moved, total
 from denoc_ros.model.rigid_urdf import RigidUrdf, RigidUrdfJoint, read_rigid_urdf
 from denoc_ros.model.segments import locate
 from denoc_ros.model.sensors import make_sensor, make_strain_sensor
-from denoc_ros.model.source import TEXT_NAME, parse_xml, read_source
+from denoc_ros.model.source import TEXT_NAME, parse_xml, read_source, with_absolute_files
 from denoc_ros.model.tree import (
     Attachment,
     Body,
@@ -92,7 +92,7 @@ def tree_of(root: Element, where: str, text: str, folder: str | None = None) -> 
         loops,
         tuple(_sensor(sensor, assembly) for sensor in sensors),
         tuple(warnings),
-        text,
+        with_absolute_files(text, Path(folder)) if folder else text,
         inertial_sensors=tuple(
             _inertial_sensor(sensor, flexibility, assembly)
             for sensor in flexibility.inertial_sensors

@@ -21,6 +21,7 @@ from denoc_ros.bags.definitions import encode
 from denoc_ros.bags.metadata import Qos
 from denoc_ros.bags.writer import BagWriter
 from denoc_ros.errors import BagError
+from denoc_ros.model.source import complete_text
 from denoc_ros.nodes.base import DenocNode
 from denoc_ros.nodes.inputs import arrived, subscribe_aside
 from denoc_ros.nodes.messages import LATCHED
@@ -91,7 +92,7 @@ class Recorder(DenocNode):
     def configure(self) -> None:
         """Read the robot to attach."""
         if path := self.settings.text('urdf_path'):
-            self.description = Path(path).read_text(encoding='utf-8')
+            self.description = complete_text(path)
 
     def activate(self) -> None:
         """Begin to record; the threads then get their priority as in every node."""

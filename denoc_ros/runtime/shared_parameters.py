@@ -63,6 +63,7 @@ def robot_parameters() -> tuple[Parameter, ...]:
             )
             for family, example in (
                 ('beam', 'beam.upper_arm.y.damping_ratio'),
+                ('flexible', 'flexible.forearm.stiffness'),
                 ('joint', 'joint.j2.damping'),
                 ('payload', 'payload.tool.mass'),
                 ('sensor', 'sensor.gauge.gain'),

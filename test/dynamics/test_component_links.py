@@ -12,11 +12,13 @@ import pytest
 from component_links import TURN, beam_as_link
 
 import denoc_ros as dn
+from denoc_ros.cli.node_parameters import node_table
 from denoc_ros.errors import ModelError, StateError
 from denoc_ros.model import link_file
 from denoc_ros.model.beam_arrays import kernel_axes
-from denoc_ros.model.numbers import values_of
+from denoc_ros.model.numbers import numbers_of, values_of
 from denoc_ros.model.overrides import with_overrides
+from denoc_ros.model.source import complete_text
 from denoc_ros.types import Array
 
 Pair = tuple[dn.Robot, dn.Robot]  # of beams, and of files
@@ -216,6 +218,25 @@ def test_a_text_needs_an_absolute_path(tmp_path: Path) -> None:
         dn.load_robot(robot_text(FILES, False))
     text = robot_text(FILES.replace('file="', f'file="{tmp_path}/'), False)
     assert dn.load_robot(text).n == 10
+
+
+def test_the_text_of_a_robot_from_a_file_is_whole_everywhere(tmp_path: Path) -> None:
+    folder = tmp_path / "links & 'arms'"
+    folder.mkdir()
+    write_files(dn.load_robot(robot_text(beams(False), False)), folder, False)
+    file = folder / 'arm.urdf'
+    file.write_text(robot_text(FILES, False), encoding='utf-8')
+    robot = dn.load_robot(file)
+    again = dn.load_robot(robot.tree.source)  # as a node takes it from /robot_description
+    assert again.coordinate_names == robot.coordinate_names
+    np.testing.assert_array_equal(again.stiffness, robot.stiffness)
+    assert complete_text(file) == robot.tree.source == complete_text(robot.tree.source)
+
+
+def test_every_number_of_a_link_is_a_parameter_of_a_node(pair: Pair) -> None:
+    for node in ('plant', 'feedforward', 'predictor', 'shaper'):
+        unknown = node_table(node).unknown(numbers_of(pair[1].tree))
+        assert not unknown, node
 
 
 def test_a_station_is_refused(pair: Pair) -> None:
