@@ -212,7 +212,7 @@ class ErrorEstimate:
     by `seen` @ (errors - used). The gains stay as they are.
 
     A combination z of errors with variance v counts by its posterior probability beside none,
-    1 / (1 + `NONE` sqrt(`LIKELY`^2 / v) exp(-z^2 / 2 v)).
+    1 / (1 + n exp(-z^2 / 2 v) s / sqrt(v)), with n, s the constants `NONE` and `LIKELY`.
 
     A second estimate of the deviations, which nothing feeds back, shows the errors by its
     innovations: it allows for less that nobody knows than the filter of a loop must.
