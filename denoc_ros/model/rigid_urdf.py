@@ -1,8 +1,12 @@
-"""The plain part of a URDF: links' inertia and joints."""
+"""The plain part of a URDF: links' inertia and joints, validated, then read by yourdfpy."""
 
 from __future__ import annotations
 
+import io
+from collections.abc import Sequence
+from copy import deepcopy
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from lxml import etree
@@ -19,9 +23,11 @@ KINDS = {
     'prismatic': JointKind.PRISMATIC,
     'floating': JointKind.FLOATING,
 }
+ENDS = ('parent', 'child', 'origin')
 # of the largest principal moment, and of moments that are zero [kg m^2]: what rounding leaves
 ROUNDED, ROUNDED_ZERO = 1e-3, 1e-12
-WITHOUT_AXIS = ('fixed', 'floating')  # nor limits, friction or a leader
+WITHOUT_AXIS = ('fixed', 'floating')
+CHECKED = (*ENDS, 'axis', 'limit', 'dynamics', 'mimic')  # of a joint; the rest is not read
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,6 +51,15 @@ class RigidUrdf:
 def read_rigid_urdf(root: Element, findings: Findings, warnings: list[str]) -> RigidUrdf:
     """Return the plain part of a robot.
 
+    Parameters
+    ----------
+    root : lxml element
+        `<robot>`.
+    findings : Findings
+        Gathers what is wrong.
+    warnings : list of str
+        Gathers what should not be, but is in robots that are in use.
+
     Returns
     -------
     RigidUrdf
@@ -65,12 +80,8 @@ def read_rigid_urdf(root: Element, findings: Findings, warnings: list[str]) -> R
     _check_mimics(root, joints, findings)
     _check_structure(root, links, findings)
     _check_floating(root, findings)
-    joints_read = root.findall('joint') if len(findings.items) == before else []
-    return RigidUrdf(
-        root.get('name', ''),
-        {element.get('name'): _inertia(element.find('inertial')) for element in sound},
-        tuple(_joint(element) for element in joints_read),
-    )
+    clean = len(findings.items) == before
+    return _load(root.get('name', ''), sound, root.findall('joint') if clean else [])
 
 
 def _check_expanded(root: Element, findings: Findings) -> None:
@@ -118,20 +129,15 @@ def _check_inertial(
         Reader(inertial.find('origin'), whose, findings, ' of <inertial>').pose()
     if inertial.find('inertia') is not None:
         inertia = Reader(inertial.find('inertia'), whose, findings, ' of <inertia>')
-        doubts = _doubts(_inertia_matrix(inertia))
-        warnings += [f'{whose}: {warning}' for warning in doubts]
+        moments = [inertia.number(name, 'kg m^2') for name in ('ixx', 'iyy', 'izz')]
+        products = [inertia.number(name, 'kg m^2', default=0.0) for name in ('ixy', 'ixz', 'iyz')]
+        warnings += [f'{whose}: {warning}' for warning in _doubts(moments, products)]
 
 
-def _inertia_matrix(reader: Reader) -> Array:
-    """Return what `<inertia>` says, (3, 3) [kg m^2]."""
-    matrix = np.diag([reader.number(name, 'kg m^2') for name in ('ixx', 'iyy', 'izz')])
-    products = [reader.number(name, 'kg m^2', default=0.0) for name in ('ixy', 'ixz', 'iyz')]
-    matrix[[0, 0, 1], [1, 2, 2]] = matrix[[1, 2, 2], [0, 0, 1]] = products
-    return matrix
-
-
-def _doubts(matrix: Array) -> list[str]:
+def _doubts(moments: Sequence[float], products: Sequence[float]) -> list[str]:
     """Return a warning for an inertia that no body has."""
+    matrix = np.diag(moments)
+    matrix[[0, 0, 1], [1, 2, 2]] = matrix[[1, 2, 2], [0, 0, 1]] = products
     if not np.isfinite(matrix).all():
         return []  # a finding already
     principal = np.linalg.eigvalsh(matrix)
@@ -270,57 +276,69 @@ def _check_floating(root: Element, findings: Findings) -> None:
         findings.add('robot', f'floating joints must be at most one, got {named}')
 
 
-def _checked(element: Element) -> Reader:
-    """Return a reader of an element without findings."""
-    return Reader(element, '', Findings())
+def _load(name: str, links: list[Element], joints: list[Element]) -> RigidUrdf:
+    """Read validated elements by yourdfpy."""
+    # Imported here: it takes most of a second, and malformed files never get this far.
+    from yourdfpy import URDF
+
+    copy = etree.Element('robot', name=name)
+    for link in links:
+        bare = etree.SubElement(copy, 'link', name=link.get('name'))
+        bare.extend(deepcopy(link.findall('inertial')))
+    for joint in joints:
+        bare = etree.SubElement(copy, 'joint', name=joint.get('name'), type=joint.get('type'))
+        for tag in ENDS if joint.get('type') in WITHOUT_AXIS else CHECKED:
+            bare.extend(deepcopy(joint.findall(tag)[:1]))
+    # as ASCII, a name of other letters would come out malformed, and yourdfpy would mend it
+    text = io.BytesIO(etree.tostring(copy, encoding='utf-8'))
+    robot = URDF.load(text, build_scene_graph=False, load_meshes=False).robot
+    inertias = {link.name: _inertia(link.inertial) for link in robot.links}
+    return RigidUrdf(name, inertias, tuple(_joint(joint) for joint in robot.joints))
 
 
-def _pose(element: Element | None) -> Array:
-    return np.eye(4) if element is None else _checked(element).pose()
-
-
-def _inertia(inertial: Element | None) -> RigidInertia | None:
+def _inertia(inertial: Any) -> RigidInertia | None:
     """Return a link's inertia about the link frame's origin, None without `<inertial>`."""
     if inertial is None:
         return None
-    mass = _checked(inertial.find('mass')).number('value')
-    matrix = _inertia_matrix(_checked(inertial.find('inertia')))
-    return moved(from_centre(mass, np.zeros(3), matrix), _pose(inertial.find('origin')))
+    pose = np.eye(4) if inertial.origin is None else inertial.origin
+    return moved(from_centre(inertial.mass, np.zeros(3), inertial.inertia), pose)
 
 
-def _joint(element: Element) -> RigidUrdfJoint:
-    kind = element.get('type')
-    axis, limits, mimic, damping, friction = np.array([1.0, 0.0, 0.0]), Limits(), None, 0.0, 0.0
-    if kind not in WITHOUT_AXIS:
-        if (found := element.find('axis')) is not None:
-            axis = _checked(found).axis('xyz', '1 0 0')
-        if (found := element.find('dynamics')) is not None:
-            reader = _checked(found)
-            damping, friction = (reader.number(n, default=0.0) for n in ('damping', 'friction'))
-        if (found := element.find('mimic')) is not None:
-            reader = _checked(found)
-            factor = reader.number('multiplier', default=1.0)
-            mimic = Mimic(reader.text('joint'), factor, reader.number('offset', default=0.0))
-        limits = _limits(element)
+def _joint(joint: Any) -> RigidUrdfJoint:
+    kind = KINDS[joint.type]
+    axis = np.array([1.0, 0.0, 0.0]) if joint.type in WITHOUT_AXIS else joint.axis
+    dynamics = joint.dynamics
+    damping, friction = (
+        float(getattr(dynamics, name, None) or 0.0) for name in ('damping', 'friction')
+    )
     return RigidUrdfJoint(
-        element.get('name'),
-        KINDS[kind],
-        axis,
-        limits,
+        joint.name,
+        kind,
+        axis / np.linalg.norm(axis),
+        _limits(joint),
         damping,
         friction,
-        mimic=mimic,
-        continuous=kind == 'continuous',
-        parent=element.find('parent').get('link'),
-        child=element.find('child').get('link'),
-        origin=_pose(element.find('origin')),
+        mimic=_mimic(joint),
+        continuous=joint.type == 'continuous',
+        parent=joint.parent,
+        child=joint.child,
+        origin=np.eye(4) if joint.origin is None else joint.origin,
     )
 
 
-def _limits(joint: Element) -> Limits:
-    limit = joint.find('limit')
-    names = ['velocity', 'effort']
-    if joint.get('type') != 'continuous':
-        names += ['lower', 'upper']
-    given = [] if limit is None else [name for name in names if name in limit.attrib]
-    return Limits(**{name: _checked(limit).number(name) for name in given})
+def _limits(joint: Any) -> Limits:
+    given = {
+        name: value
+        for name in ('lower', 'upper', 'velocity', 'effort')
+        if (value := getattr(joint.limit, name, None)) is not None
+    }
+    if joint.type == 'continuous':
+        given.pop('lower', None)
+        given.pop('upper', None)
+    return Limits(**given)
+
+
+def _mimic(joint: Any) -> Mimic | None:
+    if joint.mimic is None:
+        return None
+    return Mimic(joint.mimic.joint, joint.mimic.multiplier, joint.mimic.offset)

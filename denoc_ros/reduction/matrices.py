@@ -368,7 +368,7 @@ def _real(file: Path, name: str, matrix: Any) -> Any:
 
 
 def _output2(file: Path, read: Callable[[Any], Any], what: str) -> Any:
-    """Return what a function reads of an output2 file."""
+    """Return the result of a reader of an output2 file."""
     try:
         from pyyeti.nastran import op2
     except ImportError as error:

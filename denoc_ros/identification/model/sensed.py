@@ -164,7 +164,7 @@ class SensedChannels:
     def _once(
         self, what: str, robot: Robot, states: Array, delay: float, compute: Callable[[], Array]
     ) -> Array:
-        """Return what was computed last of the same robot, motion and delay, or compute it."""
+        """Return the last result for the same robot, motion and delay, or compute it."""
         last = self._last.get(what)
         if last is None or last[0] is not robot or last[1] is not states or last[2] != delay:
             self._last[what] = last = (robot, states, delay, compute())
