@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import scipy.linalg
@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from scipy.interpolate import BSpline
 
 from denoc_ros.control.driven_joints import DrivenJoints
-from denoc_ros.control.end_swing import Driven, EndSwing, MotionChange
+from denoc_ros.control.end_swing import Driven, EndSwing, moments_change
 from denoc_ros.control.joint_limits import JointLimits, joint_limits
 from denoc_ros.control.limit_rows import LimitRows, Moments, PlanLimits
 from denoc_ros.control.minimum_time import (
@@ -26,7 +26,7 @@ from denoc_ros.control.minimum_time import (
     shortest,
 )
 from denoc_ros.control.plan import Plan
-from denoc_ros.control.ringing import ringing_modes
+from denoc_ros.control.ringing import fastest_mode, ringing_modes
 from denoc_ros.control.tip_minimum_time import PACED, require_rest
 from denoc_ros.control.tip_solver import CancelledError
 from denoc_ros.dynamics.robot import Robot
@@ -35,25 +35,36 @@ from denoc_ros.types import Array
 
 SEGMENTS = (16, 60)  # of the splines, at least and at most
 SEGMENTS_PER_PERIOD = 3.0  # of the fastest mode that is to rest
-LEAST_FINE = 40  # segments there, at least
-UNKNOWNS = 160  # of all splines in minimum time, at least; a joint has 120 segments at most
+LEAST_FINE = 40  # coefficients of a joint there, at least
+UNKNOWNS = 160  # of all splines in minimum time, at least; a joint has 120 at most
 FINEST = 120
+RESOLVED = 0.8  # segments in a period of the fastest mode, where accelerations may jump
 PER_SEGMENT = {3: 2, 5: 6}  # moments at which limits are looked at, by the splines' degree
+WITH_JUMPS = 4
+BESIDE = 1e-9  # of the duration: how near to a jump its sides are
 STEPS = 200  # of the simulated motion, at least
-STEPS_PER_PERIOD = 20.0, 60.0  # of the fastest mode, while its duration is looked for, and after
+# of the fastest mode that rests, and of the fastest of all: while unknowns are few, and after
+STEPS_PER_PERIOD = (20.0, 60.0), (10.0, 40.0)
 QUIET = 1e-3  # share of the plain motion's swing that counts as rest
 EXACT = 1e-4  # share to which the search brings it
 STANDS = 1e-9  # rad, m: a way that is none
 NEWTON = 10  # steps to rest
 SLOWLY = 0.3  # share of a swing that a step with the derivatives of the motion before leaves
 ROUNDS, SMOOTHER, FEW = 60, 30, 6  # of the shortest motion, and of one in a given time
-SMOOTH = 1e-7  # durations that the plain motion's mean square of jerk costs in minimum time
+# durations that the plain motion's mean square of jerk costs in minimum time, without and with
+# jumps
+SMOOTH = 1e-7, 1e-9
 LATE = 1e4  # jerks of the plain motion that a share of the wanted duration costs
 ROBUSTNESS = 2e4  # that all the swing with other frequencies costs
 QUICK = 3.0, STEADY  # price of a share beyond a limit and steadiness of a search for time
+TRIED = 20.0, 1e-3  # these where durations are tried one by one
+TRIES, TRY, POLISH = 10, 6, 4  # durations, rounds of each, and of the search for time after them
+PACE, TIGHT = 0.02, 1e-3  # share by which durations are shorter, and at which they are the same
+RATE = 0.5  # share of a duration that is saved by a share of the limits
 FASTER = 1.0, 0.9, 0.8, 0.7  # plain motions of which the largest swing is that scale
 FIRM = 200.0, 1e-4  # price and steadiness of a search whose cost is the jerk
 GUESSES = 12  # of a duration in which the plain motion keeps its limits
+PARTS = 4  # of a segment, over which jerks are means
 ON_TIME = 1e-5  # share of the wanted duration
 STEP_OF_TIME, STEP_OF_JOINTS, STEP_OF_PASSING = 0.3, 0.3, 0.1  # scales of a trust region
 
@@ -68,6 +79,8 @@ class RestBasis:
     degree, ends : int
         Of the splines, and how many coefficients are fixed at each end: of degree 5 with 4
         position, velocity, acceleration and jerk; of degree 3 with 3 all but the jerk.
+    jumps : bool
+        Whether accelerations may jump between segments, and at both ends: of degree 3 with 2.
 
     Attributes
     ----------
@@ -75,13 +88,27 @@ class RestBasis:
         Coefficients of each joint that are free.
     """
 
-    def __init__(self, segments: int, degree: int = 5, ends: int = 4) -> None:
-        self.segments = segments
+    def __init__(self, segments: int, degree: int = 5, ends: int = 4, jumps: bool = False) -> None:
+        self.segments, self.jumps = segments, jumps
         self.degree, self._ends = degree, ends
-        inner = np.linspace(0.0, 1.0, segments + 1)
-        self._knots = np.concatenate((np.zeros(degree), inner, np.ones(degree)))
-        self._count = segments + degree
+        inner = np.repeat(np.linspace(0.0, 1.0, segments + 1)[1:-1], 2 if jumps else 1)
+        self._knots = np.concatenate((np.zeros(degree + 1), inner, np.ones(degree + 1)))
+        self._count = len(inner) + degree + 1
         self.free = self._count - 2 * ends
+
+    def moments(self) -> tuple[int, Array]:
+        """Return nodes for each segment, and the shares at which limits are looked at.
+
+        On both sides of jumps.
+        """
+        nodes = WITH_JUMPS if self.jumps else PER_SEGMENT[self.degree]
+        shares = np.linspace(0.0, 1.0, nodes * self.segments + 1)
+        if self.jumps:
+            sides = np.repeat(shares, 2)[1:-1].reshape(-1, 2)
+            sides[0::nodes, 0] += BESIDE
+            sides[nodes - 1 :: nodes, 1] -= BESIDE
+            shares = np.unique(sides)
+        return nodes, shares
 
     def design(self, shares: ArrayLike, derivative: int = 0) -> Array:
         """Basis functions of the free coefficients at shares (k,) of the duration: (k, free)."""
@@ -156,6 +183,14 @@ class RestMotion:
         return self.driven.all(rows / self.duration**derivative, derivative)
 
 
+class _BeyondError(SolverError):
+    """No motion of a duration within the limits was found; it has the best coefficients."""
+
+    def __init__(self, text: str, coefficients: Array) -> None:
+        super().__init__(text)
+        self.coefficients = coefficients
+
+
 @dataclass(frozen=True)
 class TimedRest:
     """A motion with coefficients, at rest at its end (see :class:`RestProblem`)."""
@@ -166,7 +201,6 @@ class TimedRest:
     shares: Array
     at: Moments
     motion: Driven
-    qdd: Array  # (k, joints)
     errors: tuple[Array, ...]  # that rings at the end, of each robot
     change: list[_Change] = field(default_factory=list)  # once it was asked for
 
@@ -179,7 +213,8 @@ class _Change:
     ----------
     errors : arrays (m, p)
         Of each robot's residual vibration.
-    own : MotionChange
+    states : (k, 2 free, p) array
+        Of the free coordinates and their rates at the ends of steps.
     resting : (p, p) array
         Changes of coefficients that stay at rest, by those that were asked for.
     back : (p, m) array
@@ -187,7 +222,7 @@ class _Change:
     """
 
     errors: tuple[Array, ...]
-    own: MotionChange
+    states: Array
     resting: Array
     back: Array
 
@@ -238,7 +273,7 @@ class RestProblem:
     longest : float
         Steps of the simulated motion are fine enough for durations up to this [s].
     fine : int
-        Index of `STEPS_PER_PERIOD`.
+        Index of each of `STEPS_PER_PERIOD`.
     """
 
     def __init__(
@@ -261,6 +296,7 @@ class RestProblem:
         first, last = (driven.all(each) for each in postures)
         self.swings = [EndSwing(each, first, last, modes) for each in robots]
         self.fastest = float(ringing_modes(self.robot, last, modes).frequencies.max())
+        self._all = fastest_mode(self.robot, last, self.fastest)
         count = 0 if waypoints is None else len(waypoints.postures)
         self.names = rows.names + tuple(f'waypoint {k + 1}' for k in range(count))
         self.price, self.steady = FIRM if wanted else QUICK
@@ -280,16 +316,25 @@ class RestProblem:
 
     def refine(self, duration: float, fine: int) -> None:
         """Take steps for a duration [s]: coarse (0) or fine (1) ones."""
-        nodes = PER_SEGMENT[self.basis.degree] * self.basis.segments
-        periods = self.fastest * duration
-        steps = max(STEPS, STEPS_PER_PERIOD[fine] * periods)
+        each, self._look = self.basis.moments()
+        nodes = each * self.basis.segments
+        rests, every = (each[fine] for each in STEPS_PER_PERIOD)
+        # splines excite modes little that are faster than their segments
+        excited = min(self._all * duration, self.basis.segments)
+        steps = max(STEPS, rests * self.fastest * duration, every * excited)
         self._every = int(np.ceil(steps / nodes))
         self.count = nodes * self._every
         self.shares = np.linspace(0.0, 1.0, self.count + 1)
+        self._nodes = np.rint(self._look * self.count).astype(np.int64)
         middle = 0.5 * (self.shares[1:] + self.shares[:-1])
-        self._designs = [self.basis.design(self.shares, k) for k in range(3)]
-        self._fixed = [self.basis.fixed(*self.postures, self.shares, k) for k in range(3)]
-        self._between = self.basis.design(middle, 2), self.basis.fixed(*self.postures, middle, 2)
+        # of positions, rates and accelerations: at the ends of steps, in their middle, at moments
+        self._at_ends, self._between, self._at_moments = (
+            [
+                (self.basis.design(shares, k), self.basis.fixed(*self.postures, shares, k))
+                for k in range(3)
+            ]
+            for shares in (self.shares, middle, self._look)
+        )
         sizes = [
             float(np.linalg.norm(self.run(self.plain(share * duration)).errors[0]))
             for share in FASTER
@@ -304,11 +349,20 @@ class RestProblem:
         return np.asarray(np.maximum(way, max(0.1 * float(way.max()), STANDS)))
 
     def _jerk(self, scale: Array) -> tuple[Array, Array, float]:
-        """Return H, g and c of x.H x / 2 + g.x + c: half the mean square of the jerk, scaled."""
-        shares = np.linspace(0.0, 1.0, 16 * self.basis.segments)
-        one = self.basis.design(shares, 3) / np.sqrt(len(shares))
-        design = np.kron(np.diag(1.0 / scale), one)
-        fixed = self.basis.fixed(*self.postures, shares, 3) / np.sqrt(len(shares)) / scale
+        """Return H, g and c of x.H x / 2 + g.x + c: half the mean square of the jerk, scaled.
+
+        By differences of the accelerations, which may jump.
+        """
+        count = PARTS * self.basis.segments
+        shares = (np.arange(count) + 0.5) / count
+        still = np.zeros((1, 1))
+
+        def slopes(rows: Array) -> Array:
+            rest = np.repeat(still, rows.shape[1], axis=1)
+            return np.sqrt(count) * np.diff(rows, axis=0, prepend=rest, append=rest)
+
+        design = np.kron(np.diag(1.0 / scale), slopes(self.basis.design(shares, 2)))
+        fixed = slopes(self.basis.fixed(*self.postures, shares, 2)) / scale
         right = fixed.T.ravel()
         return design.T @ design, design.T @ right, 0.5 * float(right @ right)
 
@@ -360,7 +414,7 @@ class RestProblem:
         if self.wanted:
             quiet = self.wanted * ROBUSTNESS / self.swing**2
             return LATE, self.wanted / self._plain_jerk, quiet
-        return 1.0, SMOOTH * self.unit / self._plain_jerk, 0.0
+        return 1.0, SMOOTH[self.basis.jumps] * self.unit / self._plain_jerk, 0.0
 
     def _cost(self, x: Array, errors: tuple[Array, ...]) -> float:
         late, smooth, quiet = self._prices()
@@ -405,7 +459,10 @@ class RestProblem:
         return RestCost(solution, self)
 
     def slower(self, coefficients: Array, factor: float) -> Array:
-        """Return the same motion in a longer time."""
+        """Return the same motion in a longer time; durations that are tried have no other."""
+        if self.fixed and not self.wanted:
+            failure = self.failure(coefficients[self._splines], 'limits are passed')
+            raise _BeyondError(str(failure), coefficients)
         slower: Array = np.array(coefficients)
         slower[self._splines] *= np.sqrt(factor)
         return slower
@@ -437,22 +494,22 @@ class RestProblem:
         """Return the motion with coefficients, whatever rings at its end."""
         self._check()
         duration, c = float(x[self._splines]), self.shaped(x)
-        rows = [
-            (design @ c + fixed) / duration**order
-            for order, (design, fixed) in enumerate(zip(self._designs, self._fixed, strict=True))
-        ]
-        between = self.driven.all((self._between[0] @ c + self._between[1]) / duration**2, 2)
-        q, qd, qdd = (self.driven.all(row, order) for order, row in enumerate(rows))
+
+        def joints(places: list[tuple[Array, Array]], order: int) -> Array:
+            design, fixed = places[order]
+            return self.driven.all((design @ c + fixed) / duration**order, order)
+
+        q, qd = (joints(self._at_ends, order) for order in range(2))
+        between = joints(self._between, 2)
         step = duration / self.count
         motions = [swing.run(step, q, qd, between) for swing in self.swings]
         errors = tuple(
             swing.error(motion) for swing, motion in zip(self.swings, motions, strict=True)
         )
         own = motions[0]
-        nodes = slice(None, None, self._every)
-        at = self._moments(own.q[nodes], own.qd[nodes], qdd[nodes])
+        at = self._moments(own.q[self._nodes], own.qd[self._nodes], joints(self._at_moments, 2))
         shares = self.rows.values(at, step * self._every)
-        shares = shares * self.rows.narrowed(self.shares[nodes])
+        shares = shares * self.rows.narrowed(self._look)
         passed = np.zeros((len(shares), len(self._goals)))
         if len(self._goals):
             passed[0], _ = self._passed(x, own)
@@ -463,7 +520,6 @@ class RestProblem:
             np.hstack([shares, passed]),
             at,
             own,
-            qdd,
             errors,
         )
 
@@ -533,45 +589,50 @@ class RestProblem:
         return here.change[0]
 
     def _changed(self, here: TimedRest) -> _Change:
-        p, duration = self._splines, here.duration
+        p, duration, motion = self._splines, here.duration, here.motion
         joints = self.robot.joint_indices
-        drives = []
-        for order, design in enumerate(self._designs):
-            whole = np.zeros((len(design), len(joints), self._count))
-            whole[:, :, :p] = np.einsum(
-                'ji,kf->kjif', self.driven.ties, design / duration**order
-            ).reshape(len(design), len(joints), p)
-            drives.append(whole)
-        drives[1][:, :, p] = -here.motion.qd[:, joints] / duration
-        drives[2][:, :, p] = -2.0 * here.qdd / duration
+        drives = self._drives(self._between, here)
         stretch = np.zeros(self._count)
         stretch[p] = 1.0 / duration
         step = duration / self.count
-        motion = here.motion
-        own = self.swings[0].change(step, motion, here.qdd, tuple(drives), stretch, self._every)
-        errors = [own.error]
-        if len(self.swings) > 1:
-            q, qd = motion.q[:, joints], motion.qd[:, joints]
-            for swing in self.swings[1:]:
-                other = swing.run(step, q, qd, motion.qdd_joints)
-                errors.append(
-                    swing.change(step, other, here.qdd, tuple(drives), stretch, None).error
-                )
-        by = own.error[:, :p]
+        error, states = self.swings[0].change(step, motion, drives, stretch)
+        errors = [error]
+        q, qd = motion.q[:, joints], motion.qd[:, joints]
+        for swing in self.swings[1:]:
+            other = swing.run(step, q, qd, motion.qdd_joints)
+            errors.append(swing.change(step, other, drives, stretch)[0])
+        by = error[:, :p]
         towards = scipy.linalg.cho_solve(self._smooth, by.T)
         back = np.zeros((self._count, len(by)))
         back[:p] = towards @ np.linalg.pinv(by @ towards, rcond=1e-10, hermitian=True)
-        resting = np.eye(self._count) - back @ own.error
-        return _Change(tuple(errors), own, resting, back)
+        resting = np.eye(self._count) - back @ error
+        return _Change(tuple(errors), states, resting, back)
+
+    def _drives(
+        self, places: list[tuple[Array, Array]], here: TimedRest
+    ) -> tuple[Array, Array, Array]:
+        """Return how positions, rates and accelerations of all joints (k, joints, p) change."""
+        p, duration, c = self._splines, here.duration, self.shaped(here.coefficients)
+        drives = []
+        for order, (design, fixed) in enumerate(places):
+            whole = np.zeros((len(design), len(self.driven.ties), self._count))
+            whole[:, :, :p] = np.einsum(
+                'ji,kf->kjif', self.driven.ties, design / duration**order
+            ).reshape(len(design), -1, p)
+            rows = self.driven.all((design @ c + fixed) / duration**order, order)
+            whole[:, :, p] = -order * rows / duration
+            drives.append(whole)
+        return drives[0], drives[1], drives[2]
 
     def jacobian(self, solution: TimedRest) -> Array:
         """Return the derivatives (k r, p) of the shares, row by row."""
         by = self.change(solution)
         robot, p, step = self.robot, self._splines, solution.duration / self.count
-        nodes = slice(None, None, self._every)
-        moments = Moments(*by.own.moments[:3], self.driven.ties.T @ by.own.moments.torque)
+        drives = self._drives(self._at_moments, solution)
+        moments = moments_change(robot, solution.at, drives, by.states[self._nodes])
+        moments = moments._replace(torque=self.driven.ties.T @ moments.torque)
         rows = self.rows.changes(solution.at, step * self._every, moments)
-        rows *= self.rows.narrowed(self.shares[nodes])[:, :, None]
+        rows *= self.rows.narrowed(self._look)[:, :, None]
         for k, name in enumerate(self.rows.names):  # differences are over longer steps
             order = DIFFERENCES.get(name.split()[0], 0)
             rows[:, k, p] -= order * solution.shares[:, k] / solution.duration
@@ -581,7 +642,7 @@ class RestProblem:
             at = solution.coefficients[p + 1 :]
             dq = np.zeros((len(at), robot.n, self._count))
             free = robot.free_indices
-            dq[:, free] = self._interpolated(by.own.states[:, : len(free)], at)
+            dq[:, free] = self._interpolated(by.states[:, : len(free)], at)
             designs = np.einsum('ji,wf->wjif', self.driven.ties, self.basis.design(at))
             dq[:, robot.joint_indices, :p] = designs.reshape(len(at), -1, p)
             changes = np.einsum('wn,wnp->wp', gain, dq)
@@ -653,6 +714,8 @@ class RestSearch:
     ) -> Plan:
         """Return the plan of a duration [s], or the shortest, within all limits."""
         problem, found, gains, settled = self.found(duration, progress, stopped)
+        if duration is not None:  # they are of the jerk
+            gains = np.zeros(len(gains))
         problem.to_plan = to_plan
         return checked_plan(
             problem, Found(found, found.coefficients, gains, 0, settled), self.rows, stopped
@@ -768,27 +831,79 @@ class RestSearch:
     def _shortest(
         self, progress: Callable[[float], object], stopped: Callable[[], bool]
     ) -> tuple[RestProblem, TimedRest, Array, bool]:
-        """Return the shortest motion: with few segments and coarse steps first, then with all."""
+        """Return the shortest motion: with few unknowns and coarse steps first, then with all."""
         joints = len(self.postures[0])
-        segments = min(max(UNKNOWNS // joints, LEAST_FINE), FINEST)
-        rough = self._problem(0.0, RestBasis(segments // 2, 3, 3))
+        segments = min(max(UNKNOWNS // joints, LEAST_FINE), FINEST) // 2
+        rough = self._problem(0.0, RestBasis(segments, 3, 3))
         first = self._begin(rough)
         rough.refine(float(first[rough.at_duration]), 0)
         found = shortest(rough, first, lambda share: progress(0.6 * share), stopped, ROUNDS)
-        problem = self._problem(0.0, RestBasis(2 * (segments // 2), 3, 3))
+        jumps = self._may_jump(found.solution.duration / segments)
+        basis = RestBasis(segments, 3, 2, jumps=True) if jumps else RestBasis(2 * segments, 3, 3)
+        problem = self._problem(0.0, basis)
         problem.refine(found.solution.duration, 1)
         start = problem.near(rough, found.coefficients)
 
-        def rest(share: float) -> object:
-            return progress(0.6 + 0.4 * share)
-
-        try:
-            found = shortest(problem, start, rest, stopped, ROUNDS // 3)
-        except CancelledError:
-            raise
-        except SolverError:
-            found = shortest(problem, problem.kept(start), rest, stopped, ROUNDS // 3)
+        found = self._faster(problem, start, lambda share: progress(0.6 + 0.4 * share), stopped)
         return problem, found.solution, found.gains, found.settled
+
+    def _faster(
+        self,
+        problem: RestProblem,
+        start: Array,
+        progress: Callable[[float], object],
+        stopped: Callable[[], bool],
+    ) -> Found[TimedRest]:
+        """Return the shortest motion near one: shorter and shorter durations are tried.
+
+        In a given duration the motion of a robot with small deflections is nearly linear in its
+        coefficients. In the duration it is not: the phases of fast modes turn with it.
+        """
+        best: Found[TimedRest] | None = None
+        x, low, guess, duration = start, 0.0, np.inf, float(start[problem.at_duration])
+        problem.fixed, (problem.price, problem.steady) = True, TRIED
+        for k in range(TRIES):
+            progress(k / TRIES)
+            x = x.copy()
+            x[problem.at_duration] = duration
+            try:
+                best = shortest(problem, x, lambda _share: None, stopped, TRY)
+                x, high = best.coefficients, duration
+            except CancelledError:
+                raise
+            except SolverError as error:
+                low, guess = duration, (1.0 + PACE) * duration
+                if isinstance(error, _BeyondError):
+                    x = error.coefficients
+                    guess = (1.0 + RATE * excess(problem.solve(x, None))) * duration
+            if stopped() or (best is not None and high <= (1.0 + TIGHT) * low):
+                break
+            if best is None:
+                duration = max(guess, (1.0 + TIGHT) * duration)
+            elif low:
+                duration = min(guess, np.sqrt(low * high))
+            else:
+                duration *= 1.0 - PACE
+        problem.fixed, (problem.price, problem.steady) = False, QUICK
+        if best is None:
+            return shortest(problem, problem.kept(start), progress, stopped, ROUNDS // 3)
+        if stopped():
+            return replace(best, settled=False)
+        with suppress(SolverError):
+            return shortest(problem, best.coefficients, progress, stopped, POLISH)
+        return best
+
+    def _may_jump(self, segment: float) -> bool:
+        """Say whether accelerations may jump between segments [s].
+
+        Where no limit needs differences in time, and segments resolve the modes that it excites.
+        """
+        if any(name.split()[0] in DIFFERENCES for name in self.rows.names):
+            return False
+        robot = self.robots[0]
+        end = robot.static_deflection(self.driven.all(self.postures[1]))
+        fastest = float(robot.natural_frequencies(end, held=False).max())
+        return RESOLVED * fastest * segment <= 1.0
 
     def _begin(self, problem: RestProblem) -> Array:
         """Return the plain motion, so slow that it keeps its limits."""
