@@ -14,6 +14,7 @@ from control_runs import ROBOTS
 from shaped_runs import cycloid, swing_after
 
 import denoc_ros as dn
+from denoc_ros.control.ringing import ringing_modes
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import SolverError
 from denoc_ros.types import Array
@@ -42,16 +43,19 @@ def table(
     q = ends[0] + (ends[1] - ends[0]) * cycloid(t, T)[:, None]
     plain = swing_after(robot, t, q, tip)
     print(f'{name}, plain: {T:.3f} s, swing {1e3 * plain:.2f} mm', flush=True)
-    began = time.process_time()
-    plan = dn.shape_motion(robot, t, q, 'rest_to_rest', time='minimum', **limits)
-    took = time.process_time() - began
-    left = swing_after(robot, plan.t, plan.q[:, joints], tip)
-    assert plan.limits is not None
-    print(
-        f'{name}, minimum time: {plan.t[-1]:.3f} s, swing {100.0 * left / plain:.2f} %, largest '
-        f'share {max(plan.limits.largest.values()):.4f}, processor time {took:.1f} s',
-        flush=True,
-    )
+    resting = len(ringing_modes(robot, ends[1]).frequencies)
+    for modes in dict.fromkeys((resting, len(robot.flexible_indices))):
+        began = time.process_time()
+        plan = dn.shape_motion(robot, t, q, 'rest_to_rest', time='minimum', modes=modes, **limits)
+        took = time.process_time() - began
+        left = swing_after(robot, plan.t, plan.q[:, joints], tip)
+        assert plan.limits is not None
+        print(
+            f'{name}, minimum time, {modes} modes at rest: {plan.t[-1]:.3f} s, swing '
+            f'{100.0 * left / plain:.3f} %, largest share '
+            f'{max(plan.limits.largest.values()):.4f}, processor time {took:.1f} s',
+            flush=True,
+        )
     for method in ('zv', 'zvd'):
         shaped = fastest_shaped(robot, ends, method, limits)
         if shaped is None:

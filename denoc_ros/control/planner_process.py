@@ -99,7 +99,8 @@ class Planning:
         method, options = header['method'], dict(header['options'])
         if options.get('radius') is not None:  # its points, not the samples between them
             points = all_joints(robot, header['joints'], positions, arrays['posture'])
-            options['waypoints'] = points[1:-1, DrivenJoints(robot, method).places]
+            between = points[1:-1, DrivenJoints(robot, method).places]
+            options.update({'waypoints': between} if len(between) else {'radius': None})
         plan = shape_motion(robot, t, q, method, tip, base=base, **options)
         require_limits(robot, plan, joint_limits(robot, **header['limits']))
         rows = plan.q[:, joints], plan.qd[:, joints], plan.qdd[:, joints]
