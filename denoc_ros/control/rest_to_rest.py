@@ -860,7 +860,8 @@ class RestSearch:
         coefficients. In the duration it is not: the phases of fast modes turn with it.
         """
         best: Found[TimedRest] | None = None
-        x, low, guess, duration = start, 0.0, np.inf, float(start[problem.at_duration])
+        x, duration = start, float(start[problem.at_duration])
+        low, high, guess = 0.0, np.inf, np.inf
         problem.fixed, (problem.price, problem.steady) = True, TRIED
         for k in range(TRIES):
             progress(k / TRIES)
@@ -875,7 +876,8 @@ class RestSearch:
                 low, guess = duration, (1.0 + PACE) * duration
                 if isinstance(error, _BeyondError):
                     x = error.coefficients
-                    guess = (1.0 + RATE * excess(problem.solve(x, None))) * duration
+                    with suppress(SolverError):
+                        guess = (1.0 + RATE * excess(problem.solve(x, None))) * duration
             if stopped() or (best is not None and high <= (1.0 + TIGHT) * low):
                 break
             if best is None:
@@ -887,11 +889,11 @@ class RestSearch:
         problem.fixed, (problem.price, problem.steady) = False, QUICK
         if best is None:
             return shortest(problem, problem.kept(start), progress, stopped, ROUNDS // 3)
-        if stopped():
-            return replace(best, settled=False)
-        with suppress(SolverError):
-            return shortest(problem, best.coefficients, progress, stopped, POLISH)
-        return best
+        closed = high <= (1.0 + TIGHT) * low
+        if not stopped():  # for the limits' gains
+            with suppress(SolverError):
+                best = shortest(problem, best.coefficients, progress, stopped, POLISH)
+        return replace(best, settled=closed or (best.settled and not stopped()))
 
     def _may_jump(self, segment: float) -> bool:
         """Say whether accelerations may jump between segments [s].

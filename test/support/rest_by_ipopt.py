@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -20,7 +21,7 @@ ROOTS = np.array([1.875104068711961, 4.694091132974175])  # of a clamped beam
 POINTS = 8  # of Gauss along a beam
 STATIONS = 9  # of each link at which a strain is looked at
 ORDER = 3  # points of collocation in an interval
-OPTIONS = {
+OPTIONS: dict[str, Any] = {
     'print_time': False,
     'ipopt': {'print_level': 0, 'sb': 'yes', 'tol': 1e-6, 'max_iter': 600},
 }
@@ -193,7 +194,7 @@ class RestBeams:
             limits.append(ca.dot(off, off))
         beyond = ca.vertcat(*limits)
         upper = np.concatenate([np.zeros(equal.shape[0]), np.ones(beyond.shape[0])])
-        problem = {
+        problem: dict[str, Any] = {
             'x': unknowns,
             'f': ca.sum1(durations) / about,
             'g': ca.vertcat(equal, beyond),
