@@ -73,7 +73,7 @@ def compare(name: str) -> None:
         f'processor time {took:.1f} s',
         flush=True,
     )
-    problem = RestBeams(beams, *ends, effort, MODES, **theirs)
+    problem = RestBeams(beams, ends[0], ends[1], effort, MODES, **theirs)
     for mesh in MESHES:
         least = problem.shortest(1.2 * float(plan.t[-1]), mesh, more.get('via'))
         over = 100.0 * (plan.t[-1] / least - 1.0)

@@ -53,7 +53,7 @@ def moments_change(robot: Robot, at: Moments, drives: tuple[Array, ...], states:
     moved[0][:, free], moved[1][:, free] = states[:, :m], states[:, m:]
     moved[2][:, free] = of.dqdd_dq @ moved[0] + of.dqdd_dqd @ moved[1] + of.dqdd_dqdd @ drives[2]
     torque = of.dtau_dq @ moved[0] + of.dtau_dqd @ moved[1] + of.dtau_dqdd @ drives[2]
-    return Moments(*moved, torque)
+    return Moments(moved[0], moved[1], moved[2], torque)
 
 
 def follow_joints(stepper: Stepper, start: Array, q: Array, qd: Array, between: Array) -> Driven:

@@ -64,7 +64,7 @@ RATE = 0.5  # share of a duration that is saved by a share of the limits
 FASTER = 1.0, 0.9, 0.8, 0.7  # plain motions of which the largest swing is that scale
 FIRM = 200.0, 1e-4  # price and steadiness of a search whose cost is the jerk
 GUESSES = 12  # of a duration in which the plain motion keeps its limits
-PARTS = 4  # of a segment, over which jerks are means
+PARTS = 16  # of a segment, over which jerks are means
 ON_TIME = 1e-5  # share of the wanted duration
 STEP_OF_TIME, STEP_OF_JOINTS, STEP_OF_PASSING = 0.3, 0.3, 0.1  # scales of a trust region
 
@@ -359,7 +359,8 @@ class RestProblem:
 
         def slopes(rows: Array) -> Array:
             rest = np.repeat(still, rows.shape[1], axis=1)
-            return np.sqrt(count) * np.diff(rows, axis=0, prepend=rest, append=rest)
+            steps = np.diff(rows, axis=0, prepend=rest, append=rest)
+            return np.asarray(np.sqrt(count) * steps)
 
         design = np.kron(np.diag(1.0 / scale), slopes(self.basis.design(shares, 2)))
         fixed = slopes(self.basis.fixed(*self.postures, shares, 2)) / scale

@@ -149,7 +149,7 @@ def test_points_between_are_waypoints_where_there_is_a_radius() -> None:
     robot = dn.load_robot('config/robots/two_link_ff.urdf', gravity=(0, 0, 0))
     points = np.array([[0.0, 0.0], [0.6, 0.6], [0.5, 0.5]])
     t = np.array([0.0, 1.0, 2.0])
-    given = {'robustness': 0.0, 'radius': 0.02}
+    given: dict[str, Any] = {'robustness': 0.0, 'radius': 0.02}
     plan = dn.shape_motion(robot, t, points, 'rest_to_rest', **given)
     same = dn.shape_motion(
         robot, t[::2], points[::2], 'rest_to_rest', waypoints=points[1:2], duration=2.0, **given
