@@ -130,12 +130,12 @@ class EndSwing:
         return np.asarray(self._observe @ np.concatenate((off, motion.qd[-1][flexible])))
 
     def change(
-        self, step: float, motion: Driven, drives: tuple[Array, ...], stretch: Array
+        self, step: float, motion: Driven, drives: tuple[Array, ...]
     ) -> tuple[Array, Array]:
         """Return the derivatives of the residual vibration and of a motion by p parameters.
 
-        At the same shares of its duration: of the error (count, p), and of the free coordinates
-        and their rates at the ends of steps (k, 2 free, p).
+        Of the error (count, p), and of the free coordinates and their rates at the ends of steps
+        (k, 2 free, p).
 
         Parameters
         ----------
@@ -144,8 +144,6 @@ class EndSwing:
         motion : Driven
         drives : three (k - 1, joints, p) arrays
             How positions, rates and accelerations of the joints change in the middle of steps.
-        stretch : (p,) array
-            By which share steps become longer.
 
         Notes
         -----
@@ -155,8 +153,7 @@ class EndSwing:
         joints, free = robot.joint_indices, robot.free_indices
         q, qd = middles(motion, step)
         of = robot.hybrid_dynamics_derivatives(q, qd, motion.qdd_joints)
-        _, own = robot.hybrid_dynamics(q, qd, motion.qdd_joints)
-        m, k, p = len(free), len(q), len(stretch)
+        m, k, p = len(free), len(q), drives[0].shape[-1]
         system = np.zeros((k, 2 * m, 2 * m))
         system[:, :m, m:] = np.eye(m)
         system[:, m:, :m] = of.dqdd_dq[:, :, free]
@@ -164,9 +161,7 @@ class EndSwing:
         halves = scipy.linalg.expm(0.5 * step * system)
         gains = of.dqdd_dq[:, :, joints], of.dqdd_dqd[:, :, joints], of.dqdd_dqdd
         pushed = np.zeros((k, 2 * m, p))
-        pushed[:, :m] = qd[:, free, None] * stretch
         pushed[:, m:] = gains[0] @ drives[0] + gains[1] @ drives[1] + gains[2] @ drives[2]
-        pushed[:, m:] += own[:, :, None] * stretch
         pushed *= step
         states = np.zeros((k + 1, 2 * m, p))
         for node, half in enumerate(halves):

@@ -20,7 +20,8 @@ from denoc_ros.control.limit_rows import LimitOptions, LimitRows
 from denoc_ros.control.mode_table import ModeTable, read_mode_table
 from denoc_ros.control.plan import Plan
 from denoc_ros.control.reaction import require_attitude
-from denoc_ros.control.rest_to_rest import RestMotion, Waypoints, rest_search, with_stiffness
+from denoc_ros.control.rest_problem import RestMotion, Waypoints
+from denoc_ros.control.rest_to_rest import rest_search, with_stiffness
 from denoc_ros.control.ringing import fastest_mode, ringing_modes
 from denoc_ros.control.shaped_samples import shape_samples
 from denoc_ros.control.targets import Target

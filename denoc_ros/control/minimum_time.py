@@ -117,6 +117,8 @@ class Part:
     right : (m,) array
     cones : list
         rows z + s = right with s in the cones.
+    room : float
+        How far below 1 a smaller largest share of the limits is still worth its price.
     """
 
     scale: Array
@@ -128,6 +130,7 @@ class Part:
     rows: sparse.csr_array
     right: Array
     cones: list[object]
+    room: float = 0.0
 
 
 class Objective(Protocol):
@@ -249,7 +252,7 @@ def shortest(
         jacobian = problem.jacobian(here)
         cost = _cost(problem, here, here.cost)
         while True:
-            step = _program(
+            step = program(
                 problem.program(here), here, jacobian, coefficients, radius, problem.price
             )
             if step is None:
@@ -318,8 +321,12 @@ def checked_plan(
     found: Found[S],
     rows: LimitRows,
     stopped: Callable[[], bool],
+    search: Callable[..., Found[S]] = shortest,
 ) -> Plan:
-    """Return the plan of a motion that was found, made a little slower where it needs that."""
+    """Return the plan of a motion that was found, made a little slower where it needs that.
+
+    `search` is :func:`shortest`, or another with its first five arguments.
+    """
     for again in range(AGAIN + SLOWER):
         plan = problem.plan(found.solution)
         use = rows.use(plan)
@@ -334,7 +341,7 @@ def checked_plan(
             # between the moments of the search: there the limits are made narrower
             rows.narrow(problem.places(plan), use.shares)
             with suppress(SolverError):
-                narrowed = shortest(problem, found.coefficients, _quiet, stopped, TIGHTEN)
+                narrowed = search(problem, found.coefficients, _quiet, stopped, TIGHTEN)
         if narrowed is not None:
             found = narrowed
         else:
@@ -373,7 +380,7 @@ def _corrected(
     if found.shares.shape != here.shares.shape:
         return found, there
     shares = found.shares.ravel() - jacobian @ (there - before)
-    step = _program(
+    step = program(
         problem.program(here),
         here,
         jacobian,
@@ -405,7 +412,7 @@ def _attempt(
         return None
 
 
-def _program(
+def program(
     objective: Objective,
     here: Solution,
     jacobian: Array | sparse.csr_array,
@@ -422,7 +429,8 @@ def _program(
     scale, count = part.scale, len(part.linear) + 1
     shares = (here.shares if shares is None else shares).ravel()
     reach = radius * (abs(jacobian) @ scale)
-    near = [side * shares + np.minimum(reach, NEARBY) > 1.0 - 2.0 * NEAR for side in (1.0, -1.0)]
+    level = min(1.0, float(np.abs(shares).max(initial=0.0))) if part.room else 1.0
+    near = [side * shares + np.minimum(reach, NEARBY) > level - 2.0 * NEAR for side in (1.0, -1.0)]
     eye = sparse.eye_array(p)
     bounds = [
         sparse.hstack([eye, _empty(p, count - p)]),
@@ -430,7 +438,11 @@ def _program(
         sparse.csr_array(([-1.0], ([0], [count - 1])), shape=(1, count)),
         sparse.hstack([part.rows, _empty(len(part.right), 1)]),
     ]
-    within = [np.minimum(radius, part.most), np.minimum(radius, -part.least), np.zeros(1)]
+    within = [
+        np.minimum(radius, part.most),
+        np.minimum(radius, -part.least),
+        np.array([part.room]),
+    ]
     quadratic = sparse.csc_array((count, count))
     if part.quadratic is not None:  # its upper triangle
         own = sparse.coo_array(np.triu(part.quadratic))
@@ -473,7 +485,7 @@ def _program(
     cost_there = part.constant + float(cost[:-1] @ z[:-1])
     if part.quadratic is not None:
         cost_there += 0.5 * float(d @ part.quadratic @ d)
-    cost_there += price * max(0.0, float(z[-1]) - KEPT - 0.5 * NEAR)
+    cost_there += price * max(-part.room, float(z[-1]) - KEPT - 0.5 * NEAR)
     return c + scale * d, cost_there, gains.sum(axis=0)
 
 
