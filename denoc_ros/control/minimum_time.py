@@ -12,7 +12,7 @@ import numpy as np
 import scipy.sparse as sparse
 
 from denoc_ros.control.limit_rows import LimitRows
-from denoc_ros.control.plan import Plan
+from denoc_ros.control.plan import LimitUse, Plan
 from denoc_ros.control.tip_solver import CancelledError
 from denoc_ros.errors import SolverError
 from denoc_ros.types import Array
@@ -21,7 +21,7 @@ ROUNDS = 40
 STEADY = 1e-3  # share of the duration that a round must save
 EXCESS = 20.0  # price of a share beyond a limit, in durations
 NEAR = 1e-3  # share beyond a limit that counts as kept
-KEPT = 2e-4  # share of each limit that programs keep free
+KEPT = 1e-3  # share of each limit that programs keep free
 START, LEAST, MOST = 0.5, 2e-3, 4.0  # of the trust region, as a share of each coefficient
 GOOD, POOR = 0.7, 0.2  # share of a predicted gain that is found
 NEARBY = 0.3  # of a limit: rows that a program looks at first
@@ -88,6 +88,9 @@ class MinimumTimeProblem(Protocol[S]):
 
     def jacobian(self, solution: S) -> Array | sparse.csr_array:
         """Return the derivatives (k r, p) of the shares, row by row."""
+
+    def shares_at(self, found: S, here: S) -> Array:
+        """Return the shares (k, r) of a motion at the places of another motion's rows."""
 
     def program(self, solution: S) -> Objective:
         """Return the cost as a function of the coefficients."""
@@ -258,24 +261,22 @@ def shortest(
             if step is None:
                 radius *= 0.3
             else:
-                there, expected, gains_there = step
-                found = _attempt(problem, there, (here, there - coefficients))
-                if found is not None and _cost(problem, found, here.cost) > cost - POOR * (
-                    cost - expected
-                ):
-                    found, there = _corrected(
-                        problem, here, found, jacobian, (coefficients, there), radius
-                    )
-                gain = -np.inf if found is None else cost - _cost(problem, found, here.cost)
+                there, expected, gains_there, length = step
                 wanted = cost - expected
                 if wanted <= problem.steady * (1.0 if excess(here) <= NEAR else 0.1):
                     settled, gains = True, gains_there
                     break
+                found = _attempt(problem, there, (here, there - coefficients))
+                if found is not None and cost - _cost(problem, found, here.cost) < POOR * wanted:
+                    found, there = _corrected(
+                        problem, here, found, jacobian, (coefficients, there), radius
+                    )
+                gain = -np.inf if found is None else cost - _cost(problem, found, here.cost)
                 if found is not None and gain >= POOR * wanted:
                     radius = min(2.0 * radius, MOST) if gain >= GOOD * wanted else radius
                     here, coefficients, gains = found, found.coefficients, gains_there
                     break
-                radius *= 0.4
+                radius = 0.4 * min(radius, length)
             if radius < LEAST or stopped():
                 settled = radius < LEAST
                 break
@@ -327,23 +328,46 @@ def checked_plan(
 
     `search` is :func:`shortest`, or another with its first five arguments.
     """
+    plans: list[tuple[Plan, LimitUse]] = []
+
+    def look(solution: S) -> tuple[Array, Array]:
+        plan = problem.plan(solution)
+        plans.append((plan, rows.use(plan)))
+        return problem.places(plan), plans[-1][1].shares
+
+    found = kept(problem, found, rows, look, stopped, search)
+    plan, use = plans[-1]
+    gains = {name: 0.01 * gain for name, gain in zip(problem.names, found.gains, strict=True)}
+    return replace(plan, limits=replace(use, gains=gains, settled=found.settled))
+
+
+def kept(
+    problem: MinimumTimeProblem[S],
+    found: Found[S],
+    rows: LimitRows,
+    look: Callable[[S], tuple[Array, Array]],
+    stopped: Callable[[], bool],
+    search: Callable[..., Found[S]] = shortest,
+) -> Found[S]:
+    """Return a motion that keeps its limits between the moments of the search as well.
+
+    Where it is beyond them they are made narrower, and it is searched for again; where that is
+    not enough it is made a little slower. `look` returns places (k,) along a motion, 0 to 1, and
+    the limits' shares (k, rows) there. The other arguments are those of :func:`checked_plan`.
+    """
     for again in range(AGAIN + SLOWER):
-        plan = problem.plan(found.solution)
-        use = rows.use(plan)
-        beyond = use.shares.max(axis=0, initial=0.0) - 1.0
+        places, shares = look(found.solution)
+        beyond = np.abs(shares).max(axis=0, initial=0.0) - 1.0
         if not beyond.max(initial=0.0) > WITHIN:
-            gains = {
-                name: 0.01 * gain for name, gain in zip(problem.names, found.gains, strict=True)
-            }
-            return replace(plan, limits=replace(use, gains=gains, settled=found.settled))
+            return found
         narrowed = None
-        if again < AGAIN and not stopped():
+        if again < AGAIN:
             # between the moments of the search: there the limits are made narrower
-            rows.narrow(problem.places(plan), use.shares)
+            rows.narrow(places, np.abs(shares))
             with suppress(SolverError):
                 narrowed = search(problem, found.coefficients, _quiet, stopped, TIGHTEN)
-        if narrowed is not None:
-            found = narrowed
+        if narrowed is not None and not np.array_equal(narrowed.coefficients, found.coefficients):
+            found = replace(narrowed, settled=found.settled and narrowed.settled)
         else:
             slower = problem.slower(found.coefficients, 1.0 + 1.1 * float(beyond.max()))
             solution = problem.solve(slower, None)
@@ -377,9 +401,7 @@ def _corrected(
     A correction of second order: the derivatives are those of the motion before.
     """
     before, there = steps
-    if found.shares.shape != here.shares.shape:
-        return found, there
-    shares = found.shares.ravel() - jacobian @ (there - before)
+    shares = problem.shares_at(found, here).ravel() - jacobian @ (there - before)
     step = program(
         problem.program(here),
         here,
@@ -420,8 +442,8 @@ def program(
     radius: float,
     price: float,
     shares: Array | None = None,
-) -> tuple[Array, float, Array] | None:
-    """Return the coefficients of the convex program, its cost, and the rows' multipliers.
+) -> tuple[Array, float, Array, float] | None:
+    """Return the convex program's coefficients, its cost, the rows' multipliers, and its step.
 
     `shares` stand in place of those of the motion.
     """
@@ -486,7 +508,7 @@ def program(
     if part.quadratic is not None:
         cost_there += 0.5 * float(d @ part.quadratic @ d)
     cost_there += price * max(-part.room, float(z[-1]) - KEPT - 0.5 * NEAR)
-    return c + scale * d, cost_there, gains.sum(axis=0)
+    return c + scale * d, cost_there, gains.sum(axis=0), float(np.abs(d).max())
 
 
 def _empty(rows: int, columns: int) -> sparse.csr_array:

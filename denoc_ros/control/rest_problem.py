@@ -22,7 +22,7 @@ from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import SolverError
 from denoc_ros.types import Array
 
-PER_SEGMENT = {3: 2, 5: 6}  # moments at which limits are looked at, by the splines' degree
+PER_SEGMENT = {3: (2, 4), 5: (6, 6)}  # moments at which limits are looked at, by degree
 WITH_JUMPS = 4
 BESIDE = 1e-9  # of the duration: how near to a jump its sides are
 STEPS = 200  # of the simulated motion, at least
@@ -71,12 +71,12 @@ class RestBasis:
         self._count = len(inner) + degree + 1
         self.free = self._count - 2 * ends
 
-    def moments(self) -> tuple[int, Array]:
+    def moments(self, fine: int) -> tuple[int, Array]:
         """Return nodes for each segment, and the shares at which limits are looked at.
 
         On both sides of jumps.
         """
-        nodes = WITH_JUMPS if self.jumps else PER_SEGMENT[self.degree]
+        nodes = WITH_JUMPS if self.jumps else PER_SEGMENT[self.degree][fine]
         shares = np.linspace(0.0, 1.0, nodes * self.segments + 1)
         if self.jumps:
             sides = np.repeat(shares, 2)[1:-1].reshape(-1, 2)
@@ -285,7 +285,7 @@ class RestProblem:
 
     def refine(self, duration: float, fine: int) -> None:
         """Take steps for a duration [s]: coarse (0) or fine (1) ones."""
-        each, self._look = self.basis.moments()
+        each, self._look = self.basis.moments(fine)
         nodes = each * self.basis.segments
         rests, every = (each[fine] for each in STEPS_PER_PERIOD)
         # splines excite modes little that are faster than their segments
@@ -416,6 +416,10 @@ class RestProblem:
         least[self._splines : -1] = 0.4 * gaps[:-1] / STEP_OF_PASSING
         most[self._splines : -1] = 0.4 * gaps[1:] / STEP_OF_PASSING
         return scale, -least, most
+
+    def shares_at(self, found: TimedRest, here: TimedRest) -> Array:
+        """Return the shares (k, r) of a motion: its rows are at the same shares of time."""
+        return found.shares
 
     def program(self, solution: TimedRest) -> RestCost:
         """Return the cost as a function of the coefficients."""
@@ -610,6 +614,14 @@ class RestProblem:
             *self.postures,
             self.driven,
         )
+
+    def look(self, found: TimedRest) -> tuple[Array, Array]:
+        """Return the ends of all steps, as shares (k,) of the duration, and the limits' there."""
+        duration = found.duration
+        design, fixed = self._at_ends[2]
+        given = (design @ self.shaped(found.coefficients) + fixed) / duration**2
+        at = self._moments(found.motion.q, found.motion.qd, self.driven.all(given, 2))
+        return self.shares, self.rows.values(at, duration / self.count)
 
     def plan(self, found: TimedRest) -> Plan:
         """Return the plan of a motion, in finer steps."""

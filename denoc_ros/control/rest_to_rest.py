@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,7 +12,15 @@ from numpy.typing import ArrayLike
 from denoc_ros.control.driven_joints import DrivenJoints
 from denoc_ros.control.joint_limits import JointLimits, joint_limits
 from denoc_ros.control.limit_rows import LimitRows, Moments, PlanLimits
-from denoc_ros.control.minimum_time import NEAR, Found, checked_plan, excess, program, shortest
+from denoc_ros.control.minimum_time import (
+    NEAR,
+    Found,
+    checked_plan,
+    excess,
+    kept,
+    program,
+    shortest,
+)
 from denoc_ros.control.plan import Plan
 from denoc_ros.control.rest_problem import (
     STANDS,
@@ -37,13 +45,16 @@ FINEST = 120
 RESOLVED = 0.8  # segments in a period of the fastest mode, where accelerations may jump
 JUMPING = 'position', 'velocity', 'acceleration', 'effort'  # limits where accelerations may jump
 ROUNDS = 30  # of the smoothest motion
-DURATIONS, LEAST = 40, 15  # that are tried, and at least
+DURATIONS, LEAST, HOLD = 40, 15, 16  # that are tried, at least, and more where they stay
+LATELY, LITTLE = 8, 1e-3  # durations tried, and a share that they save by which they go on
+AWHILE = 4  # steps in a duration that stays
 POWER, POWERS = 2.0, (0.5, 4.0)  # of the duration with which the share that is needed falls
 APART, BESIDE = 0.01, 0.04  # shares of a duration: two say with which power, or are one problem
 LEAP = 1.6  # times a duration that the next one is, at most
 RADIUS, NEARER, FASTER = 1.0, 0.5, 0.6  # of programs, what shrinks it, and by what excess falls
 CLOSE, ROUGH = (3e-4, NEAR), (1e-2, 0.05)  # where a search ends: steps in time, shares beyond
 GUESSES = 12  # of a duration in which a motion keeps its limits
+STRETCHES, STRETCH = 30, 1.2  # of the plain motion, where no other is found
 
 
 @dataclass(frozen=True)
@@ -79,35 +90,38 @@ class RestSearch:
         stopped: Callable[[], bool],
     ) -> Plan:
         """Return the plan of a duration [s], or the shortest, within all limits."""
-        problem, found, gains, settled = self.found(duration, progress, stopped)
+        problem, found = self.found(duration, progress, stopped)
         if duration is not None:  # they are of the jerk
-            gains = np.zeros(len(gains))
-        problem.to_plan = to_plan
-        return checked_plan(
-            problem,
-            Found(found, found.coefficients, gains, 0, settled),
-            self.rows,
-            stopped,
-            shortest if problem.gentle else quickest,
-        )
+            found = replace(found, gains=np.zeros(len(found.gains)))
+        problem.longer, problem.to_plan = True, to_plan
+        search = shortest if problem.gentle else tightened
+        try:
+            return checked_plan(problem, found, self.rows, stopped, search)
+        except CancelledError:
+            raise
+        except SolverError:
+            if duration is not None:
+                raise
+            problem, found = self._stretched(found.solution.duration)
+            problem.longer, problem.to_plan = True, to_plan
+            return checked_plan(problem, found, self.rows, stopped, search)
 
     def found(
         self,
         duration: float | None,
         progress: Callable[[float], object],
         stopped: Callable[[], bool],
-    ) -> tuple[RestProblem, TimedRest, Array, bool]:
-        """Return the problem, the motion, the limits' gains, and whether the search settled.
-
-        Of a duration [s], or the shortest.
-        """
+    ) -> tuple[RestProblem, Found[TimedRest]]:
+        """Return the problem and the motion of a duration [s], or the shortest."""
         if duration is None:
             self._require_pace()
             return self._shortest(progress, stopped)
+        self.rows.widen()
         problem = self._gentle(duration, self._basis(duration))
         start = problem.plain(duration)
         if np.abs(self.postures[1] - self.postures[0]).max() <= STANDS and self.waypoints is None:
-            return problem, problem.run(start), np.zeros(len(problem.names)), True
+            gains = np.zeros(len(problem.names))
+            return problem, Found(problem.run(start), start, gains, 0, True)
         least = _least(self.postures, self.limits.joints.of(self.driven.places))
         if duration <= least:
             raise problem.failure(
@@ -115,16 +129,21 @@ class RestSearch:
                 'the limits of velocity, acceleration and jerk leave no motion; these limits '
                 f'take {least:.4g} s at least',
             )
-        if result := self._smoothest(problem, start, progress, stopped):
-            return result
-        fast, found, *_ = self._shortest(progress, stopped)
-        if found.duration <= duration:  # the joints may wait
-            problem = self._gentle(duration, fast.basis)
-            start = problem.lasting(found.coefficients, duration)
-            if result := self._smoothest(problem, start, progress, stopped):
-                return result
+        smooth, keeps = self._smoothest(problem, start, progress, stopped)
+        if smooth is not None and keeps:
+            return problem, smooth
+        fast, found = self._shortest(progress, stopped)
+        if found.solution.duration <= duration:  # the joints may wait
+            waits = self._gentle(duration, fast.basis)
+            start = waits.lasting(found.coefficients, duration)
+            other, keeps = self._smoothest(waits, start, progress, stopped)
+            if other is not None and (keeps or smooth is None):
+                return waits, other
+        if smooth is not None:
+            return problem, smooth
         raise problem.failure(
-            duration, f'the shortest motion that was found takes {found.duration:.4g} s'
+            duration,
+            f'the shortest motion that was found takes {found.solution.duration:.4g} s',
         )
 
     def _require_pace(self) -> None:
@@ -173,21 +192,38 @@ class RestSearch:
         first: Array,
         progress: Callable[[float], object],
         stopped: Callable[[], bool],
-    ) -> tuple[RestProblem, TimedRest, Array, bool] | None:
-        """Return the smoothest motion in the duration of a problem, None: not found."""
+    ) -> tuple[Found[TimedRest] | None, bool]:
+        """Return the smoothest motion in the duration of a problem, None where none is found.
+
+        And whether it keeps the limits between the moments of the search.
+        """
+        found = None
         try:
             found = shortest(problem, first, progress, stopped, ROUNDS)
+            return kept(problem, found, self.rows, problem.look, stopped), True
         except CancelledError:
             raise
         except SolverError:
-            return None
-        problem.longer = True
-        return problem, found.solution, found.gains, found.settled
+            return found, False
 
     def _shortest(
         self, progress: Callable[[float], object], stopped: Callable[[], bool]
-    ) -> tuple[RestProblem, TimedRest, Array, bool]:
-        """Return the shortest motion: with few unknowns and coarse steps first, then with all."""
+    ) -> tuple[RestProblem, Found[TimedRest]]:
+        """Return the shortest motion, at worst the plain one as slow as it must be."""
+        self.rows.widen()
+        least = _least(self.postures, self.limits.joints.of(self.driven.places))
+        try:
+            problem, found = self._quickest(progress, stopped)
+            return problem, kept(problem, found, self.rows, problem.look, stopped, tightened)
+        except CancelledError:
+            raise
+        except SolverError:
+            return self._stretched(least)
+
+    def _quickest(
+        self, progress: Callable[[float], object], stopped: Callable[[], bool]
+    ) -> tuple[RestProblem, Found[TimedRest]]:
+        """Search with few unknowns and coarse steps first, then with all."""
         joints = len(self.postures[0])
         segments = min(max(UNKNOWNS // joints, LEAST_FINE), FINEST) // 2
         rough = self._problem(RestBasis(segments, 3, 3), False)
@@ -200,10 +236,25 @@ class RestSearch:
         problem = self._problem(basis, False)
         problem.refine(found.solution.duration, 1)
         start = problem.near(rough, found.coefficients)
-        found = quickest(
+        return problem, quickest(
             problem, start, lambda share: progress(0.4 + 0.6 * share), stopped, DURATIONS
         )
-        return problem, found.solution, found.gains, found.settled
+
+    def _stretched(self, seconds: float) -> tuple[RestProblem, Found[TimedRest]]:
+        """Return the plain motion at rest, so much slower than a duration [s] as it must be."""
+        self.rows.widen()
+        for _ in range(STRETCHES):
+            problem = self._gentle(seconds, self._basis(seconds))
+            x, longer = problem.plain(seconds), STRETCH
+            with suppress(SolverError):
+                there = problem.solve(x, None)
+                most = max(excess(there), float(np.abs(problem.look(there)[1]).max()) - 1.0)
+                if most <= NEAR:
+                    gains = np.zeros(len(problem.names))
+                    return problem, Found(there, there.coefficients, gains, 0, False)
+                longer = float(np.clip(1.01 * np.sqrt(1.0 + most), 1.02, 2.0))
+            seconds *= longer
+        raise problem.failure(seconds, 'the limits are passed')
 
     def _may_jump(self, segment: float) -> bool:
         """Say whether accelerations may jump between segments [s].
@@ -243,14 +294,19 @@ def quickest(
 
     In one duration after the other a program says how little of the limits is needed at least.
     That falls with a power of the duration, by which the next one is chosen. The last one is a
-    share `close` from the one before, with that share beyond the limits.
+    share `close` from the one before, with that share beyond the limits. Where durations save
+    little, steps in a slightly longer one bring the motion within the limits.
     """
     best: Found[TimedRest] | None = None
     here: TimedRest | None = None
     x, radius, power, last, most = start, RADIUS, POWER, 0.0, 1.0
-    for k in range(max(durations, LEAST)):
+    tried: list[float] = []
+    hold = 0.0
+    for k in range(durations + HOLD):
         progress(1.0 - 0.85**k)
         if best is not None and stopped():
+            return replace(best, settled=False)
+        if best is not None and hold:
             return best
         try:
             there = problem.solve(x, None)
@@ -269,19 +325,30 @@ def quickest(
         step = program(objective, here, jacobian, c, radius, problem.price)
         if step is None:
             break
-        x, _, gains = step
+        x, _, gains, _ = step
         needed = float(np.abs(here.shares.ravel() + jacobian @ (x - c)).max())
         if last and abs(np.log(last / here.duration)) > APART:
             estimate = float(np.log(most / needed) / np.log(here.duration / last))
             power = estimate if POWERS[0] <= estimate <= POWERS[1] else power
         last, most = here.duration, needed
+        tried.append(last)
         longer = needed ** (1.0 / power)
         settled = abs(longer - 1.0) <= close[0] and excess(here) <= close[1]
-        kept = excess(here) <= NEAR and (best is None or last < best.solution.duration)
-        if kept or settled:
-            best = Found(here, c, gains / power, k + 1, settled)
+        shorter = best is None or last < best.solution.duration
+        if settled or (shorter and excess(here) <= NEAR):
+            best = Found(here, c, gains / power, k + 1, settled or hold > 0.0)
         if settled:
             return best
+        if k + 1 >= min(durations, LEAST) and not hold:
+            saves = durations and np.log(tried[-LATELY] / last) > LITTLE
+            if not saves and best is not None and best.solution.duration <= (1.0 + LITTLE) * last:
+                return replace(best, settled=True)
+            if not saves or k + 1 >= durations:
+                hold = max(longer, 1.0) * (1.0 + LITTLE) * last
+        if hold:  # steps in one duration bring the motion within its limits
+            hold *= 1.0 if (k + 1) % AWHILE else 1.0 + LITTLE
+            x = problem.lasting(x, hold)
+            continue
         leap = radius / RADIUS
         x = problem.lasting(x, float(np.clip(longer, LEAP**-leap, LEAP**leap)) * last)
     for _ in range(GUESSES):  # the last motion, slower
@@ -301,6 +368,17 @@ def quickest(
     if best is None:
         raise problem.failure(last, 'the limits are passed')
     return best
+
+
+def tightened(
+    problem: RestProblem,
+    start: Array,
+    progress: Callable[[float], object],
+    stopped: Callable[[], bool],
+    _rounds: int,
+) -> Found[TimedRest]:
+    """Return a motion that keeps narrower limits in little more than the duration of another."""
+    return quickest(problem, start, progress, stopped, 0)
 
 
 def rest_to_rest(
@@ -356,8 +434,8 @@ def rest_to_rest(
     )
     if duration is not None and not (np.isfinite(duration) and duration > 0.0):
         raise StateError(f'rest to rest: duration must be > 0 s, got {duration}')
-    problem, found, _, _ = search.found(duration, lambda _share: None, lambda: False)
-    return problem.motion(found)
+    problem, found = search.found(duration, lambda _share: None, lambda: False)
+    return problem.motion(found.solution)
 
 
 def rest_search(

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+import scipy.optimize
 from scipy.interpolate import BSpline, make_interp_spline
 
 from denoc_ros.types import Array
@@ -25,6 +26,8 @@ class TimingBasis:
         Increasing, from 0 on, in any unit.
     design : (k, p) array
         B.
+    asked : (p,) array
+        Coefficients of the motion as it was asked for: B asked = 1.
 
     Notes
     -----
@@ -34,6 +37,7 @@ class TimingBasis:
 
     stations: Array
     design: Array
+    asked: Array
 
     @classmethod
     def spline(cls, length: float, speed: Callable[[Array], Array], pieces: int) -> TimingBasis:
@@ -51,7 +55,7 @@ class TimingBasis:
         Notes
         -----
         From rest with a jump of the acceleration a motion whose own acceleration is continuous
-        has x as 1 / sqrt(speed): the splines are multiplied by that, but for the last hundredth.
+        has x as 1 / sqrt(speed): the splines are divided by the one that is nearest to its root.
         """
         even = np.linspace(0.0, 1.0, STATIONS)
         at = length * (0.5 * even + 0.25 * (1.0 - np.cos(np.pi * even)))
@@ -61,12 +65,13 @@ class TimingBasis:
         fast = speed(at)
         slow = fast / max(float(fast.max()), 1e-300) + SLOWEST
         columns = BSpline(knots, np.eye(pieces + DEGREE), DEGREE)(at)
-        return cls(at, columns / np.sqrt(slow)[:, None])
+        asked, _ = scipy.optimize.nnls(columns, np.sqrt(slow))
+        return cls(at, columns / (columns @ asked)[:, None], asked)
 
     @classmethod
     def linear(cls, stations: Array) -> TimingBasis:
         """Return a number for each station but the ends, where the pace is 0."""
-        return cls(stations, np.eye(len(stations))[:, 1:-1])
+        return cls(stations, np.eye(len(stations))[:, 1:-1], np.ones(len(stations) - 2))
 
 
 class Timing:
@@ -113,10 +118,14 @@ class Timing:
         found = self._path(np.clip(times, 0.0, self.duration))
         return np.clip(np.asarray(found, dtype=np.float64), 0.0, self.basis.stations[-1])
 
-    def change_of_stations(self, times: Array) -> Array:
-        """Return how the stations passed at times (m,) change with the coefficients (m, p)."""
-        at = np.clip(times, 0.0, self.duration)
-        return np.asarray(-self._path(at, 1)[:, None] * self.change_of_times(times))
+    def times_at(self, stations: Array) -> Array:
+        """Return when stations (m,) are passed."""
+        found = make_interp_spline(self.basis.stations, self.t, k=5)(stations)
+        return np.clip(np.asarray(found, dtype=np.float64), 0.0, self.duration)
+
+    def pace_at(self, times: Array) -> Array:
+        """Return how fast stations are passed at times (m,), at the ends' pace outside."""
+        return np.asarray(self._path(np.clip(times, 0.0, self.duration), 1))
 
     def change_of_times(self, times: Array) -> Array:
         """Return how the moments of passing what is passed at times (m,) change (m, p)."""

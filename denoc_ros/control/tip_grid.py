@@ -19,7 +19,7 @@ from denoc_ros.control.targets import Target
 from denoc_ros.control.tip_options import TipOptions
 from denoc_ros.control.tip_problem import TipProblem
 from denoc_ros.control.tip_solver import CancelledError, Solved, settle, solve_motion
-from denoc_ros.control.zeros import settling_times
+from denoc_ros.control.zeros import least_moved, settling_times
 from denoc_ros.dynamics.floating_base import ATTITUDE
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import SolverError, StateError
@@ -36,6 +36,10 @@ HALVINGS = 2  # of the step, where the equations do not hold well between nodes
 GRID_ERROR = 3e-7  # of the tip's distance: root mean square of the equations between nodes
 OUTPUT = 0.004  # s between rows of a plan
 TURN = 0.01  # of the tip's distance: how much a radian of turn counts
+# rad per rad of joints: where these turn a tip less, near a singular posture, its turn counts less
+FAINT = 0.25
+LEAST_TURN = 0.1  # share of what it counts
+PLACES = 41  # along a motion, at which that is looked at
 DRAW = 1e-4  # of the tip's distance: what a radian away from the asked joints counts
 # times both, where a base floats and fewer joints than directions move the tip: what they do to
 # the base moves the tip in the others as well, so that its position need not suffer
@@ -96,6 +100,7 @@ class TipGrids:
     ) -> None:
         self.robot, self.frames, self.driven, self.options = robot, frames, driven, options
         self.report = _reporter(options)
+        self._turn: float | None = None
 
     def solve(self, asked: Motion, nodes: int = NODES, halvings: int = HALVINGS) -> TipGrid:
         """Return the motion; its grid is halved where the equations do not hold between nodes."""
@@ -128,10 +133,12 @@ class TipGrids:
             grid = TipGrid(better, solved, finer, ends)
         return grid
 
-    def near(self, asked: Motion, times: Array, guess: Rest, ends: list[Rest]) -> TipGrid:
-        """Return the motion on a grid (k,), from coordinates and multipliers near it."""
+    def near(self, asked: Motion, times: Array, guess: Rest | None, ends: list[Rest]) -> TipGrid:
+        """Return the motion on a grid (k,), from coordinates and multipliers or the asked one."""
         step = float(times[1] - times[0])
         problem = self.problem(asked, times, min(asked.duration / NODES, LONGEST_STEP) / step)
+        if guess is None:
+            guess = _guess(problem, ends, np.clip(times / asked.duration, 0.0, 1.0))
         solved = settle(problem, guess, step, _size(problem), self.report)
         return TipGrid(problem, solved, times, ends)
 
@@ -139,10 +146,24 @@ class TipGrids:
         """Return the problem at the times of nodes (k,).
 
         `finer` is how many times closer than usual the nodes are: accelerations weigh the same.
+
+        Notes
+        -----
+        Near a singular posture joints go far for a small turn, and Gauss-Newton steps converge
+        where the turn that is left is less than the squared draw over the turn's weight.
         """
+        if self._turn is None:
+            places: Array = np.linspace(0.0, asked.duration, PLACES)
+            problem = self._problem(asked, places, 1.0, 1.0)
+            turn = max(target.turn for target in problem.targets)
+            share = least_moved(problem) / max(FAINT * turn, 1e-300)
+            self._turn = min(max(share, LEAST_TURN), 1.0)
+        return self._problem(asked, nodes, finer, self._turn)
+
+    def _problem(self, asked: Motion, nodes: Array, finer: float, turns: float) -> TipProblem:
         robot, frames, driven, options = self.robot, self.frames, self.driven, self.options
         poses = [asked.poses(frame, nodes) for frame in frames]
-        size, turn = _distance(poses), turn_weight(robot, driven, poses, options)
+        size, turn = _distance(poses), turns * turn_weight(robot, driven, poses, options)
         weights = [1.0] * len(frames) if options.weights is None else list(options.weights)
         if len(weights) != len(frames):
             raise StateError(

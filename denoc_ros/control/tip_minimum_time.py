@@ -16,27 +16,32 @@ from denoc_ros.control.grid import differences
 from denoc_ros.control.limit_rows import TIPS, LimitRows, Moments
 from denoc_ros.control.minimum_time import (
     EXCESS,
+    NEAR,
     STEADY,
     WITHIN,
     Objective,
     PathDuration,
+    excess,
     shortest_plan,
 )
 from denoc_ros.control.plan import Plan
+from denoc_ros.control.stretching import UNSOLVED
 from denoc_ros.control.timing import Timing, TimingBasis
 from denoc_ros.control.tip_grid import FEWEST, OUTPUT, TipGrid, TipGrids
 from denoc_ros.control.tip_options import TipOptions
-from denoc_ros.control.tip_solver import sensitivity
+from denoc_ros.control.tip_solver import CancelledError, sensitivity
 from denoc_ros.errors import SolverError, StateError
 from denoc_ros.types import Array
 
 NODES = 300  # of a motion while its timing is looked for
 SHARPEST = 4.0  # times their median: coefficients of a timing, so that it begins smoothly
+BEGINNINGS = 5  # motions, each slower, until one keeps the limits
 PIECES = 14  # of the splines of a timing
 CELLS = 200  # of a rigid robot's path
 MOMENTS = 4  # of each cell: its ends, and between
 KNOTS = 800  # of its spline
 FINE = 4000  # moments at which the length of its way is summed up
+LITTLE = 1e-4  # share of a step
 STANDS = 1e-9  # rad, m: a motion that is none
 NEWTON = 3  # steps to the moments of its knots
 LITTLE_TURN = 1e-3  # rad: of a path that is straight
@@ -44,9 +49,9 @@ EDGE = 0.05  # of the first and last cell: where they are looked at beside rest
 # limits that bound the pace, and those that need rows in even steps of time
 PACED = {'velocity', 'acceleration', 'jerk', 'effort', 'effort_rate', 'strain', 'moment', *TIPS}
 IN_TIME = {'jerk', 'effort_rate', 'tip_speed', 'tip_acceleration'}
-EXACT = 1e-6  # of the tip's distance: errors that are as small as may be
-STRAYED = 5.0  # times those of the motion before: steps from it went astray
-SHORTEST = 0.7  # of the window before and after, which shrinks with the motion
+EXACT = 1e-7  # of the tip's distance: errors that are as small as may be
+STRAYED = 3.0  # times those of a motion found from the asked one: steps went astray
+ROOM = 1.3  # times the window needed before and after, which shrinks with the motion
 
 
 @dataclass(frozen=True)
@@ -79,7 +84,6 @@ class TimedTip(TimedMotion):
     grid: TipGrid
     at: Moments
     shares: Array
-    change: Array | None = None  # (k, n, p) of the coordinates at the same places of the path
 
 
 class TipMinimumTime:
@@ -92,8 +96,10 @@ class TipMinimumTime:
     ) -> None:
         self._grids, self._asked, self._basis, self._rows = grids, asked, basis, rows
         self.names, self.length = rows.names, float(basis.stations[-1])
-        self._window = (0.0, 0.0)
-        self._changes: tuple[int, Array] | None = None
+        self._window, self._error = (0.0, 0.0), 0.0
+        self._begun: TimedTip | None = None
+        self._near: TimedTip | None = None  # that has the changes
+        self._changes: tuple[Array, Array] = (np.zeros(0), np.zeros(0))
 
     def slower(self, coefficients: Array, factor: float) -> Array:
         """Return coefficients of a slower timing."""
@@ -104,23 +110,38 @@ class TipMinimumTime:
         assert plan.passed is not None
         return plan.passed / self.length
 
+    def shares_at(self, found: TimedTip, here: TimedTip) -> Array:
+        """Return the shares (k, r) of a motion at the places of another motion's rows."""
+        nodes, grid = here.grid.nodes, found.grid
+        inside = np.clip(nodes, 0.0, here.duration)
+        times = found.timing.times_at(here.timing.stations_at(inside))
+        times += (nodes - inside) * grid.step / here.grid.step
+        spline = make_interp_spline(grid.nodes, found.shares, k=3)
+        return np.asarray(spline(np.clip(times, grid.nodes[0], grid.nodes[-1])))
+
     def program(self, solution: TimedTip) -> Objective:
         """Return the duration's parts."""
         return PathDuration(np.diff(self._basis.stations), self._basis.design, SHARPEST)
 
     def solve(self, coefficients: Array, near: tuple[TimedTip, Array] | None) -> TimedTip:
         """Return the motion with coefficients (p,)."""
+        if self._begun is not None and coefficients is self._begun.coefficients:
+            return self._begun
         timing = Timing(self._basis, coefficients)
         require_in_time(timing, self._asked, self._grids.options)
         asked = RetimedMotion(self._asked, timing)
         if near is None:
-            grid = self._anew(asked)
+            grid = self._grids.solve(asked, NODES, 0)
             require_rest(self.names, self._rows.values(at_rest(grid), 1.0))
             self._window = -float(grid.nodes[0]), float(grid.nodes[-1]) - timing.duration
+            self._error = grid.tip_error
         else:
             grid = self._from(near, timing, asked)
-            if grid.tip_error > STRAYED * max(near[0].grid.tip_error, EXACT):
-                grid = self._anew(asked)  # from afar steps may end where a tip is let go
+            if grid.tip_error > STRAYED * max(self._error, EXACT):
+                # steps from a motion with a swing that ends in the tip may keep it
+                anew = self._grids.near(asked, grid.nodes, None, grid.ends)
+                self._error = anew.tip_error
+                grid = min(grid, anew, key=lambda each: each.tip_error)
         q = grid.solved.q
         qd, qdd = differences(q, grid.step)
         torque = grid.problem.torque(q, qd, qdd, grid.solved.multipliers)
@@ -128,8 +149,27 @@ class TipMinimumTime:
         shares = self._rows.values(at, grid.step)
         return TimedTip(timing, asked, grid, at, shares * self._narrowed(timing, grid.nodes))
 
-    def _anew(self, asked: RetimedMotion) -> TipGrid:
-        return self._grids.solve(asked, NODES, 0)
+    def begin(self, coefficients: Array) -> Array:
+        """Return coefficients (p,) that keep the limits, by one factor slower than those given."""
+        near: tuple[TimedTip, Array] | None = None
+        for _ in range(BEGINNINGS):
+            found: TimedTip | None = None
+            factor = UNSOLVED**2
+            try:
+                found = self.solve(coefficients, near)
+            except CancelledError:
+                raise
+            except SolverError:
+                found = None
+            else:
+                self._begun, factor = found, 1.0 + excess(found)
+            slower = self.slower(coefficients, factor)
+            longest = self._grids.options.stretch * self._asked.duration
+            if factor <= 1.0 + NEAR or Timing(self._basis, slower).duration > longest:
+                break
+            near = None if found is None else (found, slower - coefficients)
+            coefficients = slower
+        return coefficients
 
     def _narrowed(self, timing: Timing, times: Array) -> Array:
         return self._rows.narrowed(timing.stations_at(times) / self._basis.stations[-1])
@@ -143,48 +183,50 @@ class TipMinimumTime:
         last = len(before) - 1 - first - inside
         step = timing.duration / inside
         # the window before and after stays as long
-        first, last = (
-            count if count * step >= SHORTEST * needed else int(np.ceil(needed / step))
+        more = [
+            int(np.ceil(ROOM * needed / step)) - count if count * step < needed else 0
             for count, needed in zip((first, last), self._window, strict=True)
-        )
-        nodes = step * np.arange(-first, inside + last + 1, dtype=np.float64)
-        moments = timing_of(old, timing)
-        q = old.grid.solved.q
-        if self._changes is not None and self._changes[0] == id(old):
-            q = q + self._changes[1] @ change
-        where = np.clip(nodes, moments[0], moments[-1])
-        guess = np.asarray(make_interp_spline(moments, q, k=3)(where))
-        forces = make_interp_spline(moments, old.grid.solved.multipliers, k=1)(where)
-        guess[0], guess[-1] = old.grid.solved.q[0], old.grid.solved.q[-1]
+        ]
+        nodes = step * np.arange(-first - more[0], inside + last + more[1] + 1, dtype=np.float64)
+        guess, forces = old.grid.solved.q, old.grid.solved.multipliers
+        if self._near is old:
+            guess, forces = (
+                part + by @ change for part, by in zip((guess, forces), self._changes, strict=True)
+            )
+        guess, forces = (np.pad(part, (more, (0, 0)), mode='edge') for part in (guess, forces))
         return self._grids.near(asked, nodes, (guess, forces), old.grid.ends)
 
     def jacobian(self, solution: TimedTip) -> Array:
         """Return the derivatives (k r, p) of the shares at the same places of the path."""
         grid, timing = solution.grid, solution.timing
-        nodes, step = grid.nodes, grid.step
-        moved = timing.change_of_stations(nodes)
+        nodes, step, duration = grid.nodes, grid.step, timing.duration
+        longer = timing.by_coefficients[-1] / duration
+        inside = np.clip(nodes, 0.0, duration)
+        # a node comes later, and so does the moment at which its place was passed
+        later = timing.change_of_times(nodes) - inside[:, None] * longer
+        moved = -timing.pace_at(nodes)[:, None] * later
         twists = [
             np.concatenate([twist[:, :3], target.turn * twist[:, 3:]], axis=1) * target.weight
             for target in grid.problem.targets
             for twist in (solution.asked.twists(target.frame, nodes),)
         ]
         path = np.concatenate(twists, axis=1), solution.asked.coordinate_rates(nodes)
-        found = sensitivity(grid.problem, grid.solved, step, path, moved)
+        found = sensitivity(grid.problem, grid.solved, step, path, (moved, longer))
         if found is None:
             raise SolverError('shape_motion: the plan must have derivatives, got none')
-        dq, dm = found
-        flat = dq.reshape(len(dq), -1)
-        dqd, dqdd = (part.reshape(dq.shape) for part in differences(flat, step))
-        dtau = grid.problem.torque_change(
-            *solution.at[:3], grid.solved.multipliers, (dq, dqd, dqdd, dm)
-        )
-        by = Moments(dq, dqd, dqdd, dtau)
-        changes = self._rows.changes(solution.at, step, by)
+        dq, dm = self._changes = found
+        self._near = solution
+        at = solution.at
+        dqd, dqdd = (part.reshape(dq.shape) for part in differences(dq.reshape(len(dq), -1), step))
+        dqd -= at.qd[:, :, None] * longer
+        dqdd -= 2.0 * at.qdd[:, :, None] * longer
+        dtau = grid.problem.torque_change(*at[:3], grid.solved.multipliers, (dq, dqd, dqdd, dm))
+        changes = self._rows.changes(at, step, Moments(dq, dqd, dqdd, dtau))
+        ahead, behind = (self._rows.values(at, step * (1.0 + s * LITTLE)) for s in (1.0, -1.0))
+        changes += ((ahead - behind) / (2.0 * LITTLE))[:, :, None] * longer
         changes *= self._narrowed(timing, nodes)[:, :, None]
-        later = timing.change_of_times(nodes)
         slope = np.gradient(solution.shares, step, axis=0)
-        changes = changes + slope[:, :, None] * later[:, None, :]
-        self._changes = id(solution), dq + solution.at.qd[:, :, None] * later[:, None, :]
+        changes += slope[:, :, None] * later[:, None, :]
         return np.asarray(changes.reshape(-1, changes.shape[2]))
 
     def start(self, plan: Plan) -> Array:
@@ -232,15 +274,6 @@ def require_in_time(timing: Timing, asked: AskedMotion, options: TipOptions) -> 
         raise SolverError(
             f'a slower motion takes more than the {longest:.4g} s that stretch {stretch:g} allows'
         )
-
-
-def timing_of(old: TimedTip, timing: Timing) -> Array:
-    """Return when a timing passes what the nodes of a motion with another one pass (k,)."""
-    nodes = old.grid.nodes
-    inside = np.clip(nodes, 0.0, old.duration)
-    stations = old.timing.stations_at(inside)
-    new = np.interp(stations, timing.basis.stations, timing.t)
-    return np.asarray(new + (nodes - inside))
 
 
 @dataclass(frozen=True)
@@ -303,6 +336,10 @@ class RigidMinimumTime:
         """Return the places along the path (k,), 0 to 1, of a plan's rows."""
         assert plan.passed is not None
         return plan.passed / self.length
+
+    def shares_at(self, found: TimedPath, here: TimedPath) -> Array:
+        """Return the shares (k, r) of a motion: its rows are at the same places."""
+        return found.shares
 
     def program(self, solution: TimedPath) -> Objective:
         """Return the duration's parts."""
@@ -418,9 +455,8 @@ def fastest(grids: TipGrids, asked: AskedMotion, rows: LimitRows) -> Plan:
 
     basis = TimingBasis.spline(asked.duration, fast, PIECES)
     bent = TipMinimumTime(own, asked, basis, rows)
+    first = basis.asked
     if options.near is not None and options.near.passed is not None:
         first = bent.start(options.near)
-    else:
-        first = np.ones(basis.design.shape[1])
-        first *= (Timing(basis, first).duration / asked.duration) ** 2
+    first = bent.begin(first)
     return shortest_plan(bent, first, rows, options.progress, options.cancel)

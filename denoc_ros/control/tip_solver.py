@@ -336,9 +336,13 @@ def _newton(
 
 
 def sensitivity(
-    problem: TipProblem, solved: Solved, step: float, path: tuple[Array, Array], moved: Array
+    problem: TipProblem,
+    solved: Solved,
+    step: float,
+    path: tuple[Array, Array],
+    by: tuple[Array, Array],
 ) -> tuple[Array, Array] | None:
-    """Return how a solution changes where what is asked moves along its path.
+    """Return how a solution changes where what is asked moves along its path, and the step.
 
     Parameters
     ----------
@@ -349,30 +353,38 @@ def sensitivity(
         Between nodes [s].
     path : (k, 6 targets) and (k, n) arrays
         Weighed twists of the targets, and the asked coordinates, per unit of the path.
-    moved : (k, p) array
-        By how much each node moves along the path, per unit of each parameter.
+    by : (k, p) and (p,) arrays
+        By how much each node moves along the path, and the step as a share of itself, per unit
+        of each parameter.
 
     Returns
     -------
     (k, n, p) and (k, m, p) arrays, or None where the equations have no solution
-        Of the coordinates and the multipliers.
+        Of the coordinates and the multipliers, at the nodes.
 
     Notes
     -----
     The implicit function of the conditions that :func:`settle` meets, by one factorization; the
-    part of their second derivatives that vanishes with the tip's error is left out.
+    part of their second derivatives that vanishes with the tip's error is left out. With a longer
+    step, the same coordinates at the nodes have smaller rates and accelerations.
     """
     q, n = solved.q, solved.q.shape[1]
-    motion = (q, *differences(q, step), solved.multipliers)
-    equations, momentum = problem.equations(*motion), problem.momentum(*halfway(q, step))
+    motion, between = (q, *differences(q, step), solved.multipliers), halfway(q, step)
+    equations, momentum = problem.equations(*motion), problem.momentum(*between)
     m, p = equations.by_multipliers.shape[2], equations.value.shape[1]
     jacobian = problem.error_derivatives(q, problem.errors(q))
     band = _matrix(problem, jacobian, (equations, momentum), step, 0.0)
+    moved, longer = by
     right = np.zeros((len(q), n + m + p + momentum.value.shape[1], moved.shape[1]))
     twists, asked = path
     right[:, :n] = np.einsum('kij,ki->kj', jacobian, twists)[:, :, None] * moved[:, None]
     _add_pull(problem, asked[:, problem.driven, None] * moved[:, None], right)
     _fix_ends(problem, right)
+    slower = np.einsum('kij,kj->ki', equations.by_qd, motion[1])
+    slower += 2.0 * np.einsum('kij,kj->ki', equations.by_qdd, motion[2])
+    right[:, n + m : n + m + p] = slower[:, :, None] * longer
+    slower = np.einsum('kij,kj->ki', momentum.by_qd, between[1])
+    right[:-1, n + m + p :] = slower[:, :, None] * longer
     solution = band.solve(right)
     if solution is None or not np.isfinite(solution).all():
         return None

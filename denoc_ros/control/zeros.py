@@ -14,6 +14,25 @@ DECADES = 5.0  # to which what goes before and after has died down at the window
 SHARE = 0.1  # a zero whose real part is less of its size neither grows nor decays
 
 
+def least_moved(problem: TipProblem) -> float:
+    """Return how far the joints of a stiff robot move its frames at least, over the asked motion.
+
+    That is the least singular value of the weighed errors' derivative [m per rad or m], without
+    those of directions in which they never move at all.
+    """
+    q = problem.asked
+    jacobian = problem.error_derivatives(q, problem.errors(q))
+    tied = np.concatenate([problem.loops.jacobian(q), problem.momentum(q, 0.0 * q).by_qd], axis=1)
+    sizes = np.array(
+        [
+            np.linalg.svd(row @ _rigid_motions(problem, held), compute_uv=False)
+            for row, held in zip(jacobian, tied, strict=True)
+        ]
+    )
+    moved = sizes.max(axis=0) > RANK * sizes.max()
+    return float(sizes[:, moved].min(initial=np.inf))
+
+
 def transmission_zeros(problem: TipProblem, q: Array) -> NDArray[np.complex128]:
     """Return the zeros [1/s] from the driven joints to the frames, at rest at q (n,).
 

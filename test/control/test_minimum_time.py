@@ -10,8 +10,12 @@ from control_runs import ROBOTS, cycloid
 from timed_paths import rigid_arm
 
 import denoc_ros as dn
+from denoc_ros.control.asked_motion import AskedMotion
 from denoc_ros.control.limit_rows import LimitRows, Moments, motion_limits
 from denoc_ros.control.timing import Timing, TimingBasis
+from denoc_ros.control.tip_grid import TipGrids
+from denoc_ros.control.tip_minimum_time import TipMinimumTime
+from denoc_ros.control.tip_options import TipOptions
 
 TIMES = np.linspace(0.0, 10.0, 201)
 CANADARM = cycloid(np.radians([10.0, 40.0, 30.0]), np.radians([60.0, 45.0, 30.0]), 10.0)
@@ -126,6 +130,46 @@ def test_kinks_straight_arms_and_singularities_are_passed_within_limits(
     assert plan.limits is not None
     assert 0.95 <= max(plan.limits.largest.values()) <= 1.001
     assert plan.tip_error.max() < 5e-5
+
+
+def test_equal_shares_of_the_asked_coefficients_stretch_the_motion_as_a_whole() -> None:
+    basis = TimingBasis.spline(2.0, lambda t: np.sin(0.5 * np.pi * t) ** 2, 6)
+    np.testing.assert_allclose(basis.design @ basis.asked, 1.0, rtol=1e-12)
+    stretched = Timing(basis, basis.asked / 1.5**2)
+    np.testing.assert_allclose(stretched.t, 1.5 * basis.stations, rtol=1e-12, atol=1e-12)
+
+
+def test_shares_of_limits_have_their_derivatives_by_the_timing(canadarm: dn.Robot) -> None:
+    driven, frames = canadarm.joint_indices, ('tool',)
+    sizes = dict.fromkeys(('velocity', 'effort', 'effort_rate'), 10.0)
+    beyond = {'tip_speed': 1.0, 'tip_acceleration': 0.1}
+    rows = LimitRows(canadarm, driven, frames, motion_limits(canadarm, sizes, beyond))
+    basis = TimingBasis.spline(10.0, lambda t: np.sin(0.1 * np.pi * t) ** 2, 8)
+    asked = AskedMotion(canadarm, TIMES, CANADARM(TIMES))
+    problem = TipMinimumTime(TipGrids(canadarm, frames, driven, TipOptions()), asked, basis, rows)
+    c = basis.asked * np.linspace(0.8, 1.2, len(basis.asked))
+    here = problem.solve(c, None)
+    change = 1e-2 * c * np.cos(np.arange(len(c)))
+    told = (problem.jacobian(here) @ change).reshape(here.shares.shape)
+    ahead, behind = (
+        problem.shares_at(problem.solve(c + s * change, (here, s * change)), here)
+        for s in (1.0, -1.0)
+    )
+    apart = 0.5 * (ahead - behind)
+    assert (np.std(told - apart, axis=0) < 0.01 * np.std(apart, axis=0)).all()
+
+
+def test_a_path_along_singular_postures_has_calm_joints() -> None:
+    """The wrist can hardly make some turns, down to 0.001 rad per rad of its joints."""
+    arm = dn.load_robot(ROBOTS / 'ssrms.urdf', gravity=(0, 0, 0))
+    first = np.array([0.2, 0.5, -0.9, 0.4, 0.3, 0.2])
+    way = np.array([0.5, 0.5, 0.5, 0.5, -0.6, 0.5])  # through joint_5 = 0
+    times = np.linspace(0.0, 20.0, 201)
+    motion = cycloid(first, first + way, 20.0)
+    plan = dn.shape_motion(arm, times, motion(times))
+    asked = motion(np.clip(plan.t, 0.0, 20.0))
+    assert plan.tip_error.max() < 5e-6
+    assert np.abs(plan.q[:, arm.joint_indices] - asked).max() < 0.1
 
 
 def test_times_of_stations_have_their_derivatives() -> None:
