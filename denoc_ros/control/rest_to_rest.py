@@ -46,8 +46,9 @@ RESOLVED = 0.8  # segments in a period of the fastest mode, where accelerations 
 JUMPING = 'position', 'velocity', 'acceleration', 'effort'  # limits where accelerations may jump
 ROUNDS = 30  # of the smoothest motion
 DURATIONS, LEAST, HOLD = 40, 15, 16  # that are tried, at least, and more where they stay
-LATELY, LITTLE = 8, 1e-3  # durations tried, and a share that they save by which they go on
-AWHILE = 4  # steps in a duration that stays
+LATELY, STILL = 8, 4e-3  # durations that differ by such a share: they save little more
+LITTLE, AWHILE = 1e-3, 4  # share by which a duration is longer that stays, and steps in it
+FAR, NARROW = 1.0, 0.01  # share beyond limits where no search ends, and the least radius
 POWER, POWERS = 2.0, (0.5, 4.0)  # of the duration with which the share that is needed falls
 APART, BESIDE = 0.01, 0.04  # shares of a duration: two say with which power, or are one problem
 LEAP = 1.6  # times a duration that the next one is, at most
@@ -306,7 +307,7 @@ def quickest(
         progress(1.0 - 0.85**k)
         if best is not None and stopped():
             return replace(best, settled=False)
-        if best is not None and hold:
+        if best is not None and best.solution.duration <= hold:
             return best
         try:
             there = problem.solve(x, None)
@@ -320,6 +321,7 @@ def quickest(
             if here is not None and abs(np.log(there.duration / last)) <= BESIDE:
                 better = excess(there) <= FASTER * excess(here) + NEAR
                 radius = min(radius / NEARER, RADIUS) if better else radius * NEARER
+                radius = max(radius, NARROW)
             here, jacobian = there, problem.jacobian(there)
         objective, c = problem.program(here), here.coefficients
         step = program(objective, here, jacobian, c, radius, problem.price)
@@ -340,7 +342,7 @@ def quickest(
         if settled:
             return best
         if k + 1 >= min(durations, LEAST) and not hold:
-            saves = durations and np.log(tried[-LATELY] / last) > LITTLE
+            saves = durations and (excess(here) > FAR or np.ptp(np.log(tried[-LATELY:])) > STILL)
             if not saves and best is not None and best.solution.duration <= (1.0 + LITTLE) * last:
                 return replace(best, settled=True)
             if not saves or k + 1 >= durations:
