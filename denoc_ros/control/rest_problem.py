@@ -22,7 +22,8 @@ from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import SolverError
 from denoc_ros.types import Array
 
-PER_SEGMENT = {3: (2, 4), 5: (6, 6)}  # moments at which limits are looked at, by degree
+PER_SEGMENT = {3: 2, 5: 6}  # moments at which limits are looked at, by the splines' degree
+MOMENTS = 1, 160  # of all, at least: with coarse steps and with fine ones
 WITH_JUMPS = 4
 BESIDE = 1e-9  # of the duration: how near to a jump its sides are
 STEPS = 200  # of the simulated motion, at least
@@ -76,7 +77,8 @@ class RestBasis:
 
         On both sides of jumps.
         """
-        nodes = WITH_JUMPS if self.jumps else PER_SEGMENT[self.degree][fine]
+        nodes = WITH_JUMPS if self.jumps else PER_SEGMENT[self.degree]
+        nodes = max(nodes, -(-MOMENTS[fine] // self.segments))
         shares = np.linspace(0.0, 1.0, nodes * self.segments + 1)
         if self.jumps:
             sides = np.repeat(shares, 2)[1:-1].reshape(-1, 2)
@@ -269,7 +271,9 @@ class RestProblem:
         self.fastest = float(ringing_modes(self.robot, last, modes).frequencies.max())
         self._all = fastest_mode(self.robot, last, self.fastest)
         count = 0 if waypoints is None else len(waypoints.postures)
-        self.names = rows.names + tuple(f'waypoint {k + 1}' for k in range(count))
+        self.names = rows.names + tuple(
+            f'waypoint {k + 1}' for k in range(count) for _ in range(3)
+        )
         self.price, self.steady = (FIRM, STEADY) if gentle else (1.0, STEADY)
         self._splines = basis.free * len(postures[0])
         self._count = self._splines + count + 1
@@ -470,7 +474,7 @@ class RestProblem:
         at = self._moments(own.q[self._nodes], own.qd[self._nodes], joints(self._at_moments, 2))
         shares = self.rows.values(at, step * self._every)
         shares = shares * self.rows.narrowed(self._look)
-        passed = np.zeros((len(shares), len(self._goals)))
+        passed = np.zeros((len(shares), 3 * len(self._goals)))
         if len(self._goals):
             passed[0], _ = self._passed(x, own)
         return TimedRest(
@@ -492,15 +496,20 @@ class RestProblem:
         return Moments(q, qd, qdd, self.driven.torque(force))
 
     def _passed(self, x: Array, motion: Driven) -> tuple[Array, Array]:
-        """Return how far tips are from the waypoints over the radius (w,), and how by q (w, n)."""
+        """Return how far tips are from the waypoints over the radius (3 w,), and by q (3 w, n).
+
+        Of each waypoint in two directions across, where it is 0, and along: so a step sees the
+        whole of its way past a waypoint.
+        """
         assert self.waypoints is not None
         q = self._interpolated(motion.q, x[self._splines : -1])
         frame = self.waypoints.frame
         off = self.robot.frame_pose(frame, q)[:, :3, 3] - self._goals
-        size = np.linalg.norm(off, axis=1)
-        along = off / np.maximum(size, 1e-12)[:, None]
-        gain = np.einsum('wc,wcn->wn', along, self.robot.frame_jacobian(frame, q)[:, :3])
-        return size / self.waypoints.radius, gain / self.waypoints.radius
+        directions = np.linalg.svd(off[:, None])[2][:, ::-1]  # the last one is along
+        size = np.einsum('wdc,wc->wd', directions, off)
+        gain = np.einsum('wdc,wcn->wdn', directions, self.robot.frame_jacobian(frame, q)[:, :3])
+        radius = self.waypoints.radius
+        return size.ravel() / radius, gain.reshape(-1, self.robot.n) / radius
 
     def _interpolated(self, rows: Array, shares: Array) -> Array:
         """Return rows (k, ...) at shares (w,) of the duration, linear between steps."""
@@ -585,7 +594,7 @@ class RestProblem:
         moments = moments._replace(torque=self.driven.ties.T @ moments.torque)
         rows = self.rows.changes(solution.at, step * self._every, moments)
         rows *= self.rows.narrowed(self._look)[:, :, None]
-        passed = np.zeros((len(rows), len(self._goals), self._count))
+        passed = np.zeros((len(rows), 3 * len(self._goals), self._count))
         if len(self._goals):
             _, gain = self._passed(solution.coefficients, solution.motion)
             at = solution.coefficients[p:-1]
@@ -594,10 +603,11 @@ class RestProblem:
             dq[:, free] = self._interpolated(by.states[:, : len(free)], at)
             designs = np.einsum('ji,wf->wjif', self.driven.ties, self.basis.design(at))
             dq[:, robot.joint_indices, :p] = designs.reshape(len(at), -1, p)
+            dq = np.repeat(dq, 3, axis=0)
             changes = np.einsum('wn,wnp->wp', gain, dq)
             pace = solution.duration * self._interpolated(solution.motion.qd, at)
-            w = np.arange(len(at))
-            changes[w, p + w] += np.einsum('wn,wn->w', gain, pace)
+            w = np.arange(3 * len(at))
+            changes[w, p + w // 3] += np.einsum('wn,wn->w', gain, np.repeat(pace, 3, axis=0))
             passed[0] = changes
         return np.concatenate([rows, passed], axis=1).reshape(-1, self._count)
 

@@ -305,7 +305,8 @@ def quickest(
     hold = 0.0
     for k in range(durations + HOLD):
         progress(1.0 - 0.85**k)
-        if best is not None and stopped():
+        ended = stopped()
+        if best is not None and ended:
             return replace(best, settled=False)
         if best is not None and best.solution.duration <= hold:
             return best
@@ -338,11 +339,14 @@ def quickest(
         settled = abs(longer - 1.0) <= close[0] and excess(here) <= close[1]
         shorter = best is None or last < best.solution.duration
         if settled or (shorter and excess(here) <= NEAR):
-            best = Found(here, c, gains / power, k + 1, settled or hold > 0.0)
-        if settled:
-            return best
+            best = Found(here, c, gains / power, k + 1, not ended and (settled or hold > 0.0))
+            if settled:
+                return best
+        durations = k if ended else durations
         if k + 1 >= min(durations, LEAST) and not hold:
-            saves = durations and (excess(here) > FAR or np.ptp(np.log(tried[-LATELY:])) > STILL)
+            saves = durations > k and (
+                excess(here) > FAR or np.ptp(np.log(tried[-LATELY:])) > STILL
+            )
             if not saves and best is not None and best.solution.duration <= (1.0 + LITTLE) * last:
                 return replace(best, settled=True)
             if not saves or k + 1 >= durations:
