@@ -1,12 +1,15 @@
 """Cycle time and swing that is left: plain motion, input shapers and minimum time.
 
-All at the same limits: `python -m bench.rest_cycles [two_link | panda]`.
+All at the same limits: `python -m bench.rest_cycles [two_link | panda | canadarm | ssrms]`. Of the
+arms in space what binds as well, and the swing of a plant of eight segments a link.
 """
 
 from __future__ import annotations
 
+import re
 import sys
 import time
+from collections import Counter
 from typing import Any
 
 import numpy as np
@@ -14,6 +17,7 @@ from control_runs import ROBOTS
 from shaped_runs import cycloid, swing_after
 
 import denoc_ros as dn
+from denoc_ros.control.ringing import ringing_modes
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import SolverError
 from denoc_ros.types import Array
@@ -42,16 +46,19 @@ def table(
     q = ends[0] + (ends[1] - ends[0]) * cycloid(t, T)[:, None]
     plain = swing_after(robot, t, q, tip)
     print(f'{name}, plain: {T:.3f} s, swing {1e3 * plain:.2f} mm', flush=True)
-    began = time.process_time()
-    plan = dn.shape_motion(robot, t, q, 'rest_to_rest', time='minimum', **limits)
-    took = time.process_time() - began
-    left = swing_after(robot, plan.t, plan.q[:, joints], tip)
-    assert plan.limits is not None
-    print(
-        f'{name}, minimum time: {plan.t[-1]:.3f} s, swing {100.0 * left / plain:.2f} %, largest '
-        f'share {max(plan.limits.largest.values()):.4f}, processor time {took:.1f} s',
-        flush=True,
-    )
+    resting = len(ringing_modes(robot, ends[1]).frequencies)
+    for modes in dict.fromkeys((resting, len(robot.flexible_indices))):
+        began = time.process_time()
+        plan = dn.shape_motion(robot, t, q, 'rest_to_rest', time='minimum', modes=modes, **limits)
+        took = time.process_time() - began
+        left = swing_after(robot, plan.t, plan.q[:, joints], tip)
+        assert plan.limits is not None
+        print(
+            f'{name}, minimum time, {modes} modes at rest: {plan.t[-1]:.3f} s, swing '
+            f'{100.0 * left / plain:.3f} %, largest share '
+            f'{max(plan.limits.largest.values()):.4f}, processor time {took:.1f} s',
+            flush=True,
+        )
     for method in ('zv', 'zvd'):
         shaped = fastest_shaped(robot, ends, method, limits)
         if shaped is None:
@@ -65,11 +72,56 @@ def table(
         )
 
 
+ARMS: dict[str, tuple[Array, Array]] = {  # ends, and efforts
+    'canadarm': (
+        np.radians([[10.0, 40.0, 30.0], [70.0, 85.0, 60.0]]),
+        np.array([1500.0, 700.0, 180.0]),
+    ),
+    'ssrms': (
+        np.array([[0.2, 0.5, -0.9, 0.4, 0.3, 0.2], [0.7, 1.0, -0.4, 0.9, 0.8, 0.7]]),
+        np.array([1000.0, 1000.0, 1000.0, 200.0, 200.0, 200.0]),
+    ),
+}
+WATCH = 6.0  # s
+
+
+def space_arm(name: str) -> None:
+    """Print the least time of an arm, what binds, and what a richer plant swings after it."""
+    text = (ROBOTS / f'{name}.urdf').read_text()
+    robot = dn.load_robot(text, gravity=(0, 0, 0))
+    divided = re.sub(r'(<beam [^>]*)shape="[^"]*"', r'\1segments="8"', text)
+    rich = dn.load_robot(divided, gravity=(0, 0, 0))
+    ends, effort = ARMS[name]
+    began = time.process_time()
+    plan = dn.shape_motion(robot, [0, 10], ends, 'rest_to_rest', time='minimum', effort=effort)
+    took = time.process_time() - began
+    assert plan.limits is not None
+    print(f'{name}: {plan.t[-1]:.3f} s, processor time {took:.1f} s', flush=True)
+    for what, count in Counter(plan.limits.binding()).most_common():
+        gain = 100.0 * plan.limits.gains.get(what, 0.0)
+        print(f'  {what or "nothing"} {100 * count / len(plan.t):.0f} %; 1 % more: {gain:.2f} %')
+    rows = slice(None, None, 4)
+    t = plan.t[rows]
+    t, q = np.linspace(t[0], plan.t[-1], len(t)), plan.q[:, robot.joint_indices]
+    q = np.array([np.interp(t, plan.t, column) for column in q.T]).T
+    tip = robot.frame_names[-1]
+    plain = ends[0] + (ends[1] - ends[0]) * cycloid(t, t[-1])[:, None]
+    left, swing = (swing_after(rich, t, each, tip, WATCH) for each in (q, plain))
+    print(
+        f'  eight segments, joints on the plan: swing {1e3 * left:.2f} mm, of a cycloid in this '
+        f'time {1e3 * swing:.0f} mm',
+        flush=True,
+    )
+
+
 def main(names: list[str]) -> None:
     """Print the tables."""
     if 'two_link' in names:
         robot = dn.load_robot(ROBOTS / 'two_link_ff.urdf', gravity=(0, 0, 0))
         table('two_link', robot, np.array([[0.0, 0.0], [0.5, 0.5]]), 'tool', {}, 0.6)
+    for name in ARMS:
+        if name in names:
+            space_arm(name)
     if 'panda' in names:
         from panda_strip import ACCELERATION, DURATION, JERK, panda_strip, plain_motion
 
@@ -80,4 +132,4 @@ def main(names: list[str]) -> None:
 
 
 if __name__ == '__main__':
-    main(sys.argv[1:] or ['two_link', 'panda'])
+    main(sys.argv[1:] or ['two_link', *ARMS, 'panda'])

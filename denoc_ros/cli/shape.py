@@ -74,6 +74,12 @@ OTHERS = {
         ('rest_to_rest',),
         "assumed error of the modes' frequencies, as a share",
     ),
+    'radius': (
+        float,
+        ('rest_to_rest',),
+        'the tip passes the points between first and last, in their order, so near [m]; default: '
+        'they do not matter',
+    ),
 }
 DESCRIPTION = (
     'Plan the motion of the joints so that the tip of a flexible robot moves like that of the '

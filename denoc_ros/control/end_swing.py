@@ -22,22 +22,38 @@ class Driven(NamedTuple):
     qdd_joints: Array
 
 
-class MotionChange(NamedTuple):
-    """Derivatives of a motion by p parameters, at the same shares of its duration.
+def middles(motion: Driven, step: float) -> tuple[Array, Array]:
+    """Return all coordinates and their rates (k - 1, n) in the middle of a motion's steps [s]."""
+    before, after = slice(None, -1), slice(1, None)
+    q = 0.5 * (motion.q[before] + motion.q[after])
+    q += 0.125 * step * (motion.qd[before] - motion.qd[after])
+    qd = 1.5 / step * (motion.q[after] - motion.q[before])
+    qd -= 0.25 * (motion.qd[before] + motion.qd[after])
+    return q, qd
 
-    Attributes
+
+def moments_change(robot: Robot, at: Moments, drives: tuple[Array, ...], states: Array) -> Moments:
+    """Return the derivatives of a motion at moments, with the torques of all joints.
+
+    Parameters
     ----------
-    error : (m, p) array
-        Of what rings at the end.
+    robot : Robot
+        Its workspace is used.
+    at : Moments
+    drives : three (k, joints, p) arrays
+        How positions, rates and accelerations of the joints change.
     states : (k, 2 free, p) array
-        Of the free coordinates and their rates at all steps.
-    moments : Moments
-        Of all coordinates and of the torques of all joints, where they were asked for.
+        How the free coordinates and their rates do.
     """
-
-    error: Array
-    states: Array
-    moments: Moments
+    joints, free = robot.joint_indices, robot.free_indices
+    of = robot.hybrid_dynamics_derivatives(at.q, at.qd, np.ascontiguousarray(at.qdd[:, joints]))
+    m, moved = len(free), [np.zeros((*at.q.shape, states.shape[-1])) for _ in range(3)]
+    for change, drive in zip(moved, drives, strict=True):
+        change[:, joints] = drive
+    moved[0][:, free], moved[1][:, free] = states[:, :m], states[:, m:]
+    moved[2][:, free] = of.dqdd_dq @ moved[0] + of.dqdd_dqd @ moved[1] + of.dqdd_dqdd @ drives[2]
+    torque = of.dtau_dq @ moved[0] + of.dtau_dqd @ moved[1] + of.dtau_dqdd @ drives[2]
+    return Moments(moved[0], moved[1], moved[2], torque)
 
 
 def follow_joints(stepper: Stepper, start: Array, q: Array, qd: Array, between: Array) -> Driven:
@@ -114,29 +130,20 @@ class EndSwing:
         return np.asarray(self._observe @ np.concatenate((off, motion.qd[-1][flexible])))
 
     def change(
-        self,
-        step: float,
-        motion: Driven,
-        qdd: Array,
-        drives: tuple[Array, ...],
-        stretch: Array,
-        every: int | None,
-    ) -> MotionChange:
-        """Return the derivatives of a motion.
+        self, step: float, motion: Driven, drives: tuple[Array, ...]
+    ) -> tuple[Array, Array]:
+        """Return the derivatives of the residual vibration and of a motion by p parameters.
+
+        Of the error (count, p), and of the free coordinates and their rates at the ends of steps
+        (k, 2 free, p).
 
         Parameters
         ----------
         step : float
             s.
         motion : Driven
-        qdd : (k, joints) array
-            Accelerations of the joints at the ends of steps.
-        drives : three (k, joints, p) arrays
-            How positions, rates and accelerations of the joints change.
-        stretch : (p,) array
-            By which share steps become longer.
-        every : int or None
-            Steps between moments; None: none.
+        drives : three (k - 1, joints, p) arrays
+            How positions, rates and accelerations of the joints change in the middle of steps.
 
         Notes
         -----
@@ -144,34 +151,20 @@ class EndSwing:
         """
         robot = self.robot
         joints, free = robot.joint_indices, robot.free_indices
-        of = robot.hybrid_dynamics_derivatives(motion.q, motion.qd, qdd)
-        _, own = robot.hybrid_dynamics(motion.q, motion.qd, qdd)
-        m, k, p = len(free), len(motion.q), len(stretch)
+        q, qd = middles(motion, step)
+        of = robot.hybrid_dynamics_derivatives(q, qd, motion.qdd_joints)
+        m, k, p = len(free), len(q), drives[0].shape[-1]
         system = np.zeros((k, 2 * m, 2 * m))
         system[:, :m, m:] = np.eye(m)
         system[:, m:, :m] = of.dqdd_dq[:, :, free]
         system[:, m:, m:] = of.dqdd_dqd[:, :, free]
-        steps = scipy.linalg.expm(0.5 * step * (system[1:] + system[:-1]))
+        halves = scipy.linalg.expm(0.5 * step * system)
         gains = of.dqdd_dq[:, :, joints], of.dqdd_dqd[:, :, joints], of.dqdd_dqdd
-        driven = gains[0] @ drives[0] + gains[1] @ drives[1] + gains[2] @ drives[2]
-        half = np.zeros((k, 2 * m, p))
-        half[:, :m] = motion.qd[:, free, None] * stretch
-        half[:, m:] = driven + own[:, :, None] * stretch
-        half *= 0.5 * step
-        states = np.zeros((k, 2 * m, p))
-        for node in range(k - 1):
-            states[node + 1] = steps[node] @ (states[node] + half[node]) + half[node + 1]
+        pushed = np.zeros((k, 2 * m, p))
+        pushed[:, m:] = gains[0] @ drives[0] + gains[1] @ drives[1] + gains[2] @ drives[2]
+        pushed *= step
+        states = np.zeros((k + 1, 2 * m, p))
+        for node, half in enumerate(halves):
+            states[node + 1] = half @ (half @ states[node] + pushed[node])
         bends = np.isin(free, robot.flexible_indices)
-        error = np.asarray(self._observe @ states[-1][np.tile(bends, 2)])
-        at = slice(None, None, every) if every else slice(0, 0)
-        moved = [np.zeros((len(motion.q[at]), robot.n, p)) for _ in range(3)]
-        for change, drive in zip(moved, drives, strict=True):
-            change[:, joints] = drive[at]
-        place, rate = states[at, :m], states[at, m:]
-        moved[0][:, free], moved[1][:, free] = place, rate
-        moved[2][:, free] = driven[at]
-        moved[2][:, free] += of.dqdd_dq[at][:, :, free] @ place
-        moved[2][:, free] += of.dqdd_dqd[at][:, :, free] @ rate
-        torque = of.dtau_dq[at] @ moved[0] + of.dtau_dqd[at] @ moved[1]
-        torque += of.dtau_dqdd[at] @ moved[2][:, joints]
-        return MotionChange(error, states, Moments(moved[0], moved[1], moved[2], torque))
+        return np.asarray(self._observe @ states[-1][np.tile(bends, 2)]), states

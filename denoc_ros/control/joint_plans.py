@@ -20,8 +20,9 @@ from denoc_ros.control.limit_rows import LimitOptions, LimitRows
 from denoc_ros.control.mode_table import ModeTable, read_mode_table
 from denoc_ros.control.plan import Plan
 from denoc_ros.control.reaction import require_attitude
-from denoc_ros.control.rest_to_rest import RestMotion, Waypoints, rest_search, with_stiffness
-from denoc_ros.control.ringing import ringing_modes
+from denoc_ros.control.rest_problem import RestMotion, Waypoints
+from denoc_ros.control.rest_to_rest import rest_search, with_stiffness
+from denoc_ros.control.ringing import fastest_mode, ringing_modes
 from denoc_ros.control.shaped_samples import shape_samples
 from denoc_ros.control.targets import Target
 from denoc_ros.control.tip_options import require_time
@@ -34,9 +35,10 @@ from denoc_ros.types import Array
 
 OUTPUT = 0.004  # s between rows of a plan
 ROBUSTNESS = 0.1  # of a motion in a given time
+MOST_WAYPOINTS = 20
 DRAWS = 24  # of robots with other stiffness and load
 STEPS = 400  # of a simulated motion, at least
-STEPS_PER_PERIOD = 60.0  # of the fastest mode that is shaped
+STEPS_PER_PERIOD = 60.0, 40.0  # of the fastest mode that is shaped, and of the fastest of all
 
 
 class JointMotion(Protocol):
@@ -93,7 +95,8 @@ class RestOptions(ShaperOptions):
         ``minimum``: the shortest within all limits, as `duration` 0.
     waypoints : (w, driven joints) array, optional
         Postures that the first of the tips passes in this order, within `radius` of where the
-        undeformed robot's is there.
+        undeformed robot's is there; default those between the first and the last that were asked
+        for, where there is a radius.
     radius : float, optional
         Of the waypoints [m].
     progress : callable, optional
@@ -147,7 +150,7 @@ def rest_motion(
 ) -> Plan:
     """Return the plan of a motion from the first to the last posture (see :func:`rest_to_rest`).
 
-    What is between them is not followed.
+    What is between them is not followed, but passed near where there is a `radius`.
     """
     if options.mode_table is not None:
         raise StateError(
@@ -171,7 +174,7 @@ def rest_motion(
         frames,
         options.modes,
         robustness,
-        _waypoints(robot, frames, options),
+        _waypoints(robot, q_joints, frames, options),
         # in minimum time the best so far is returned
         (lambda: None) if fastest else _check(options),
     )
@@ -192,19 +195,31 @@ def rest_motion(
     return _with_tip(robot, found, times, q_joints, frames, late)
 
 
-def _waypoints(robot: Robot, frames: tuple[str, ...], options: RestOptions) -> Waypoints | None:
-    """Return the waypoints of the options after a check."""
-    if options.waypoints is None:
+def _waypoints(
+    robot: Robot, q_joints: Array, frames: tuple[str, ...], options: RestOptions
+) -> Waypoints | None:
+    """Return the waypoints of the options or of the motion after a check."""
+    if options.waypoints is None and options.radius is None:
         return None
     driven = DrivenJoints(robot, 'rest to rest')
+    given = options.waypoints
+    if given is None:
+        given = q_joints[1:-1, driven.places]
+        if not len(given):
+            return None
     try:
-        postures = np.array(options.waypoints, dtype=np.float64)
+        postures = np.array(given, dtype=np.float64)
     except ValueError:
         postures = np.zeros(0)
     if postures.ndim != 2 or not len(postures) or postures.shape[1] != len(driven.names):
         raise StateError(
             f'shape_motion: waypoints must be rows of {len(driven.names)} numbers (driven joints '
-            f'{list(driven.names)}), got shape {np.shape(options.waypoints)}'
+            f'{list(driven.names)}), got shape {np.shape(postures)}'
+        )
+    if len(postures) > MOST_WAYPOINTS:
+        raise StateError(
+            f'shape_motion: waypoints must be {MOST_WAYPOINTS} at most, got {len(postures)}; give '
+            'the motion as a few points'
         )
     if not np.isfinite(postures).all():
         raise StateError(f'shape_motion: waypoints must be finite, got {postures.tolist()}')
@@ -258,8 +273,11 @@ def _simulated(
     # what swings in the plan is the robot's own; a rigid one has nothing to integrate
     is_rigid = not len(robot.flexible_indices)
     own_modes = ringing_modes(robot, ends[1], modes, table if is_rigid else None)
-    fastest = float(own_modes.frequencies.max())
-    parts = int(np.ceil(max(step * STEPS_PER_PERIOD * fastest, STEPS / (len(t) - 1))))
+    rests = float(own_modes.frequencies.max())
+    pace = max(
+        STEPS_PER_PERIOD[0] * rests, STEPS_PER_PERIOD[1] * fastest_mode(robot, ends[1], rests)
+    )
+    parts = int(np.ceil(max(step * pace, STEPS / (len(t) - 1))))
     fine: Array = np.linspace(t[0], t[-1], (len(t) - 1) * parts + 1)
     own = robot.copy()
     states = follow_joints(

@@ -233,6 +233,10 @@ class LimitRows:
         if limits.power < np.inf:
             found.append(('power', 'all joints'))
         self.names = tuple(' '.join(each) for each in found)
+        self.widen()
+
+    def widen(self) -> None:
+        """Take the limits as they are given."""
         self._narrowed = np.ones((PLACES + 1, len(self.names)))
 
     def narrow(self, where: Array, shares: Array) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 import scipy.sparse as sparse
 
 from denoc_ros.control.limit_rows import LimitRows
-from denoc_ros.control.plan import Plan
+from denoc_ros.control.plan import LimitUse, Plan
 from denoc_ros.control.tip_solver import CancelledError
 from denoc_ros.errors import SolverError
 from denoc_ros.types import Array
@@ -120,6 +120,8 @@ class Part:
     right : (m,) array
     cones : list
         rows z + s = right with s in the cones.
+    room : float
+        How far below 1 a smaller largest share of the limits is still worth its price.
     """
 
     scale: Array
@@ -131,6 +133,7 @@ class Part:
     rows: sparse.csr_array
     right: Array
     cones: list[object]
+    room: float = 0.0
 
 
 class Objective(Protocol):
@@ -252,7 +255,7 @@ def shortest(
         jacobian = problem.jacobian(here)
         cost = _cost(problem, here, here.cost)
         while True:
-            step = _program(
+            step = program(
                 problem.program(here), here, jacobian, coefficients, radius, problem.price
             )
             if step is None:
@@ -319,25 +322,52 @@ def checked_plan(
     found: Found[S],
     rows: LimitRows,
     stopped: Callable[[], bool],
+    search: Callable[..., Found[S]] = shortest,
 ) -> Plan:
-    """Return the plan of a motion that was found, made a little slower where it needs that."""
+    """Return the plan of a motion that was found, made a little slower where it needs that.
+
+    `search` is :func:`shortest`, or another with its first five arguments.
+    """
+    plans: list[tuple[Plan, LimitUse]] = []
+
+    def look(solution: S) -> tuple[Array, Array]:
+        plan = problem.plan(solution)
+        plans.append((plan, rows.use(plan)))
+        return problem.places(plan), plans[-1][1].shares
+
+    found = kept(problem, found, rows, look, stopped, search)
+    plan, use = plans[-1]
+    gains = {name: 0.01 * gain for name, gain in zip(problem.names, found.gains, strict=True)}
+    return replace(plan, limits=replace(use, gains=gains, settled=found.settled))
+
+
+def kept(
+    problem: MinimumTimeProblem[S],
+    found: Found[S],
+    rows: LimitRows,
+    look: Callable[[S], tuple[Array, Array]],
+    stopped: Callable[[], bool],
+    search: Callable[..., Found[S]] = shortest,
+) -> Found[S]:
+    """Return a motion that keeps its limits between the moments of the search as well.
+
+    Where it is beyond them they are made narrower, and it is searched for again; where that is
+    not enough it is made a little slower. `look` returns places (k,) along a motion, 0 to 1, and
+    the limits' shares (k, rows) there. The other arguments are those of :func:`checked_plan`.
+    """
     for again in range(AGAIN + SLOWER):
-        plan = problem.plan(found.solution)
-        use = rows.use(plan)
-        beyond = use.shares.max(axis=0, initial=0.0) - 1.0
+        places, shares = look(found.solution)
+        beyond = np.abs(shares).max(axis=0, initial=0.0) - 1.0
         if not beyond.max(initial=0.0) > WITHIN:
-            gains = {
-                name: 0.01 * gain for name, gain in zip(problem.names, found.gains, strict=True)
-            }
-            return replace(plan, limits=replace(use, gains=gains, settled=found.settled))
+            return found
         narrowed = None
-        if again < AGAIN and not stopped():
+        if again < AGAIN:
             # between the moments of the search: there the limits are made narrower
-            rows.narrow(problem.places(plan), use.shares)
+            rows.narrow(places, np.abs(shares))
             with suppress(SolverError):
-                narrowed = shortest(problem, found.coefficients, _quiet, stopped, TIGHTEN)
+                narrowed = search(problem, found.coefficients, _quiet, stopped, TIGHTEN)
         if narrowed is not None and not np.array_equal(narrowed.coefficients, found.coefficients):
-            found = narrowed
+            found = replace(narrowed, settled=found.settled and narrowed.settled)
         else:
             slower = problem.slower(found.coefficients, 1.0 + 1.1 * float(beyond.max()))
             solution = problem.solve(slower, None)
@@ -372,7 +402,7 @@ def _corrected(
     """
     before, there = steps
     shares = problem.shares_at(found, here).ravel() - jacobian @ (there - before)
-    step = _program(
+    step = program(
         problem.program(here),
         here,
         jacobian,
@@ -404,7 +434,7 @@ def _attempt(
         return None
 
 
-def _program(
+def program(
     objective: Objective,
     here: Solution,
     jacobian: Array | sparse.csr_array,
@@ -421,7 +451,8 @@ def _program(
     scale, count = part.scale, len(part.linear) + 1
     shares = (here.shares if shares is None else shares).ravel()
     reach = radius * (abs(jacobian) @ scale)
-    near = [side * shares + np.minimum(reach, NEARBY) > 1.0 - 2.0 * NEAR for side in (1.0, -1.0)]
+    level = min(1.0, float(np.abs(shares).max(initial=0.0))) if part.room else 1.0
+    near = [side * shares + np.minimum(reach, NEARBY) > level - 2.0 * NEAR for side in (1.0, -1.0)]
     eye = sparse.eye_array(p)
     bounds = [
         sparse.hstack([eye, _empty(p, count - p)]),
@@ -429,7 +460,11 @@ def _program(
         sparse.csr_array(([-1.0], ([0], [count - 1])), shape=(1, count)),
         sparse.hstack([part.rows, _empty(len(part.right), 1)]),
     ]
-    within = [np.minimum(radius, part.most), np.minimum(radius, -part.least), np.zeros(1)]
+    within = [
+        np.minimum(radius, part.most),
+        np.minimum(radius, -part.least),
+        np.array([part.room]),
+    ]
     quadratic = sparse.csc_array((count, count))
     if part.quadratic is not None:  # its upper triangle
         own = sparse.coo_array(np.triu(part.quadratic))
@@ -472,7 +507,7 @@ def _program(
     cost_there = part.constant + float(cost[:-1] @ z[:-1])
     if part.quadratic is not None:
         cost_there += 0.5 * float(d @ part.quadratic @ d)
-    cost_there += price * max(0.0, float(z[-1]) - KEPT - 0.5 * NEAR)
+    cost_there += price * max(-part.room, float(z[-1]) - KEPT - 0.5 * NEAR)
     return c + scale * d, cost_there, gains.sum(axis=0), float(np.abs(d).max())
 
 

@@ -18,7 +18,7 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from denoc_ros.control.driven_joints import all_joints
+from denoc_ros.control.driven_joints import DrivenJoints, all_joints
 from denoc_ros.control.gain_jobs import KNOTS, read_job, schedule_message
 from denoc_ros.control.jobs import read_message, write_message
 from denoc_ros.control.joint_limits import joint_limits, require_limits
@@ -96,7 +96,11 @@ class Planning:
         q = all_joints(robot, header['joints'], driven, arrays['posture'])
         tip = header['tip'] or None
         base = header['base'] if len(robot.base_indices) else None
-        method, options = header['method'], header['options']
+        method, options = header['method'], dict(header['options'])
+        if options.get('radius') is not None:  # its points, not the samples between them
+            points = all_joints(robot, header['joints'], positions, arrays['posture'])
+            between = points[1:-1, DrivenJoints(robot, method).places]
+            options.update({'waypoints': between} if len(between) else {'radius': None})
         plan = shape_motion(robot, t, q, method, tip, base=base, **options)
         require_limits(robot, plan, joint_limits(robot, **header['limits']))
         rows = plan.q[:, joints], plan.qd[:, joints], plan.qdd[:, joints]

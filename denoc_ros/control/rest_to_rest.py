@@ -4,28 +4,32 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy.linalg
-import scipy.sparse as sparse
 from numpy.typing import ArrayLike
-from scipy.interpolate import BSpline
 
 from denoc_ros.control.driven_joints import DrivenJoints
-from denoc_ros.control.end_swing import Driven, EndSwing, MotionChange
 from denoc_ros.control.joint_limits import JointLimits, joint_limits
 from denoc_ros.control.limit_rows import LimitRows, Moments, PlanLimits
 from denoc_ros.control.minimum_time import (
     NEAR,
-    STEADY,
     Found,
-    Part,
     checked_plan,
     excess,
+    kept,
+    program,
     shortest,
 )
 from denoc_ros.control.plan import Plan
+from denoc_ros.control.rest_problem import (
+    STANDS,
+    RestBasis,
+    RestMotion,
+    RestProblem,
+    TimedRest,
+    Waypoints,
+)
 from denoc_ros.control.ringing import ringing_modes
 from denoc_ros.control.tip_minimum_time import PACED, require_rest
 from denoc_ros.control.tip_solver import CancelledError
@@ -35,592 +39,23 @@ from denoc_ros.types import Array
 
 SEGMENTS = (16, 60)  # of the splines, at least and at most
 SEGMENTS_PER_PERIOD = 3.0  # of the fastest mode that is to rest
-LEAST_FINE = 40  # segments there, at least
-UNKNOWNS = 160  # of all splines in minimum time, at least; a joint has 120 segments at most
+LEAST_FINE = 40  # coefficients of a joint in minimum time, at least
+UNKNOWNS = 240  # of all splines there, at least; a joint has 120 at most
 FINEST = 120
-PER_SEGMENT = {3: 2, 5: 6}  # moments at which limits are looked at, by the splines' degree
-STEPS = 200  # of the simulated motion, at least
-STEPS_PER_PERIOD = 20.0, 60.0  # of the fastest mode, while its duration is looked for, and after
-QUIET = 1e-3  # share of the plain motion's swing that counts as rest
-EXACT = 1e-4  # share to which the search brings it
-STANDS = 1e-9  # rad, m: a way that is none
-NEWTON = 10  # steps to rest
-SLOWLY = 0.3  # share of a swing that a step with the derivatives of the motion before leaves
-ROUNDS, SMOOTHER, FEW = 60, 30, 6  # of the shortest motion, and of one in a given time
-SMOOTH = 1e-7  # durations that the plain motion's mean square of jerk costs in minimum time
-LATE = 1e4  # jerks of the plain motion that a share of the wanted duration costs
-ROBUSTNESS = 2e4  # that all the swing with other frequencies costs
-QUICK = 3.0, STEADY  # price of a share beyond a limit and steadiness of a search for time
-FASTER = 1.0, 0.9, 0.8, 0.7  # plain motions of which the largest swing is that scale
-FIRM = 200.0, 1e-4  # price and steadiness of a search whose cost is the jerk
-GUESSES = 12  # of a duration in which the plain motion keeps its limits
-ON_TIME = 1e-5  # share of the wanted duration
-STEP_OF_TIME, STEP_OF_JOINTS, STEP_OF_PASSING = 0.3, 0.3, 0.1  # scales of a trust region
-
-
-class RestBasis:
-    """B-splines over [0, 1] whose first derivatives are 0 at both ends.
-
-    Parameters
-    ----------
-    segments : int
-        Equal pieces.
-    degree, ends : int
-        Of the splines, and how many coefficients are fixed at each end: of degree 5 with 4
-        position, velocity, acceleration and jerk; of degree 3 with 3 all but the jerk.
-
-    Attributes
-    ----------
-    free : int
-        Coefficients of each joint that are free.
-    """
-
-    def __init__(self, segments: int, degree: int = 5, ends: int = 4) -> None:
-        self.segments = segments
-        self.degree, self._ends = degree, ends
-        inner = np.linspace(0.0, 1.0, segments + 1)
-        self._knots = np.concatenate((np.zeros(degree), inner, np.ones(degree)))
-        self._count = segments + degree
-        self.free = self._count - 2 * ends
-
-    def design(self, shares: ArrayLike, derivative: int = 0) -> Array:
-        """Basis functions of the free coefficients at shares (k,) of the duration: (k, free)."""
-        return self._columns(shares, derivative)[:, self._ends : -self._ends]
-
-    def fixed(self, start: Array, end: Array, shares: ArrayLike, derivative: int = 0) -> Array:
-        """Motion by the fixed coefficients at shares (k,): (k, joints)."""
-        columns = self._columns(shares, derivative)
-        first = columns[:, : self._ends].sum(axis=1)
-        last = columns[:, -self._ends :].sum(axis=1)
-        return np.asarray(np.outer(first, start) + np.outer(last, end))
-
-    def _columns(self, shares: ArrayLike, derivative: int) -> Array:
-        moments = np.asarray(shares, dtype=np.float64)
-        inside = np.clip(moments, 0.0, 1.0)
-        spline = BSpline(self._knots, np.eye(self._count), self.degree)
-        columns = np.array(spline(inside, derivative))
-        if derivative:
-            columns[inside != moments] = 0.0
-        return columns
-
-
-@dataclass(frozen=True)
-class Waypoints:
-    """Places that a tip must pass on the way.
-
-    Attributes
-    ----------
-    frame : str
-    postures : (w, driven) array
-        Of the undeformed robot.
-    radius : float
-        m: how far the tip may be from where the undeformed robot's is in the posture.
-    """
-
-    frame: str
-    postures: Array
-    radius: float
-
-
-@dataclass(frozen=True)
-class RestMotion:
-    """A motion between two postures after which nothing rings.
-
-    Attributes
-    ----------
-    duration : float
-        s.
-    t : (k,) array
-        s, in equal steps from 0.
-    states : Driven
-        All coordinates (k, n), their rates, and the joints' accelerations between.
-    left : float
-        Share of the plain motion's swing that is left.
-    """
-
-    duration: float
-    t: Array
-    states: Driven
-    left: float
-    basis: RestBasis
-    coefficients: Array  # (free, driven)
-    start: Array  # (driven,)
-    end: Array
-    driven: DrivenJoints
-
-    def joints(self, times: ArrayLike, derivative: int = 0) -> Array:
-        """Return the joints' motion (k, joints), or a derivative of it, held outside."""
-        shares = np.asarray(times) / self.duration
-        rows = self.basis.design(shares, derivative) @ self.coefficients
-        rows += self.basis.fixed(self.start, self.end, shares, derivative)
-        return self.driven.all(rows / self.duration**derivative, derivative)
-
-
-@dataclass(frozen=True)
-class TimedRest:
-    """A motion with coefficients, at rest at its end (see :class:`RestProblem`)."""
-
-    coefficients: Array
-    duration: float
-    cost: float
-    shares: Array
-    at: Moments
-    motion: Driven
-    qdd: Array  # (k, joints)
-    errors: tuple[Array, ...]  # that rings at the end, of each robot
-    change: list[_Change] = field(default_factory=list)  # once it was asked for
-
-
-@dataclass(frozen=True)
-class _Change:
-    """Derivatives of a motion by its coefficients.
-
-    Attributes
-    ----------
-    errors : arrays (m, p)
-        Of each robot's residual vibration.
-    own : MotionChange
-    resting : (p, p) array
-        Changes of coefficients that stay at rest, by those that were asked for.
-    back : (p, m) array
-        The smoothest change of coefficients for a residual vibration.
-    """
-
-    errors: tuple[Array, ...]
-    own: MotionChange
-    resting: Array
-    back: Array
-
-
-@dataclass(frozen=True)
-class RestCost:
-    """Duration, jerk and swing with other frequencies of a motion (see :class:`Objective`)."""
-
-    here: TimedRest
-    problem: RestProblem
-
-    def part(self, c: Array, unit: float) -> Part:
-        """Return its part of a program; it has no unknowns of its own."""
-        scale, least, most = self.problem.region(c)
-        hessian, gradient = self.problem.curvature(self.here)
-        along = self.problem.change(self.here).resting * scale
-        none = sparse.csr_array((0, len(c)))
-        return Part(
-            scale,
-            least,
-            most,
-            along.T @ gradient / unit,
-            along.T @ hessian @ along / unit,
-            self.here.cost / unit,
-            none,
-            np.zeros(0),
-            [],
-        )
-
-
-class RestProblem:
-    """The search for a motion that ends at rest (see :class:`MinimumTimeProblem`).
-
-    Coefficients are those of the splines, joint by joint, the duration, and at which share of it
-    each waypoint is passed. Every solution is at rest at its end: a change of coefficients that
-    would disturb that is followed by the smoothest one that restores it, as an implicit function.
-
-    Parameters
-    ----------
-    robots : list of Robot
-        The robot itself, and those with other frequencies that should rest as well.
-    driven : DrivenJoints
-    postures : pair of (driven,) arrays
-    rows : LimitRows
-    basis : RestBasis
-    wanted : float
-        Duration that is not to be undercut [s], 0: the shortest is looked for.
-    longest : float
-        Steps of the simulated motion are fine enough for durations up to this [s].
-    fine : int
-        Index of `STEPS_PER_PERIOD`.
-    """
-
-    def __init__(
-        self,
-        robots: list[Robot],
-        driven: DrivenJoints,
-        postures: tuple[Array, Array],
-        rows: LimitRows,
-        basis: RestBasis,
-        wanted: float,
-        modes: int | None,
-        scale: Array,
-        waypoints: Waypoints | None,
-        check: Callable[[], None],
-    ) -> None:
-        self.robot, self.driven, self.postures = robots[0], driven, postures
-        self.rows, self.basis, self.wanted = rows, basis, wanted
-        self.waypoints, self._check = waypoints, check
-        self.to_plan: Callable[[RestMotion], Plan]
-        first, last = (driven.all(each) for each in postures)
-        self.swings = [EndSwing(each, first, last, modes) for each in robots]
-        self.fastest = float(ringing_modes(self.robot, last, modes).frequencies.max())
-        count = 0 if waypoints is None else len(waypoints.postures)
-        self.names = rows.names + tuple(f'waypoint {k + 1}' for k in range(count))
-        self.price, self.steady = FIRM if wanted else QUICK
-        self._splines = basis.free * len(postures[0])
-        self._count = self._splines + 1 + count
-        self.at_duration = self._splines
-        self._way = self._lengths()
-        self._hessian, self._gradient, self._constant = self._jerk(scale)
-        eye = np.eye(self._splines)
-        even = self._hessian + 1e-13 * float(np.trace(self._hessian)) / self._splines * eye
-        self._smooth = scipy.linalg.cho_factor(even)
-        self._plain_jerk = max(self.jerk(self.plain(1.0)), 1e-12)
-        self._goals = self._places()
-        self.fixed = False  # whether the duration is the wanted one all the time
-        self.unit = self.size = self.swing = 1.0
-        self.refine(1.0, 0)
-
-    def refine(self, duration: float, fine: int) -> None:
-        """Take steps for a duration [s]: coarse (0) or fine (1) ones."""
-        nodes = PER_SEGMENT[self.basis.degree] * self.basis.segments
-        periods = self.fastest * duration
-        steps = max(STEPS, STEPS_PER_PERIOD[fine] * periods)
-        self._every = int(np.ceil(steps / nodes))
-        self.count = nodes * self._every
-        self.shares = np.linspace(0.0, 1.0, self.count + 1)
-        middle = 0.5 * (self.shares[1:] + self.shares[:-1])
-        self._designs = [self.basis.design(self.shares, k) for k in range(3)]
-        self._fixed = [self.basis.fixed(*self.postures, self.shares, k) for k in range(3)]
-        self._between = self.basis.design(middle, 2), self.basis.fixed(*self.postures, middle, 2)
-        sizes = [
-            float(np.linalg.norm(self.run(self.plain(share * duration)).errors[0]))
-            for share in FASTER
-        ]
-        self.size, self.unit = max(sizes[0], 1e-9), duration
-        self.swing = max(*sizes, 1e-9)
-
-    def _lengths(self) -> Array:
-        """Return how far each joint goes [rad, m], at least a tenth of the farthest."""
-        between = () if self.waypoints is None else self.waypoints.postures
-        way = np.ptp(np.array([*self.postures, *between]), axis=0)
-        return np.asarray(np.maximum(way, max(0.1 * float(way.max()), STANDS)))
-
-    def _jerk(self, scale: Array) -> tuple[Array, Array, float]:
-        """Return H, g and c of x.H x / 2 + g.x + c: half the mean square of the jerk, scaled."""
-        shares = np.linspace(0.0, 1.0, 16 * self.basis.segments)
-        one = self.basis.design(shares, 3) / np.sqrt(len(shares))
-        design = np.kron(np.diag(1.0 / scale), one)
-        fixed = self.basis.fixed(*self.postures, shares, 3) / np.sqrt(len(shares)) / scale
-        right = fixed.T.ravel()
-        return design.T @ design, design.T @ right, 0.5 * float(right @ right)
-
-    def _places(self) -> Array:
-        """Return where the undeformed robot's tip is at the waypoints (w, 3)."""
-        if self.waypoints is None:
-            return np.zeros((0, 3))
-        q = np.zeros((len(self.waypoints.postures), self.robot.n))
-        q[:, self.robot.joint_indices] = self.driven.all(self.waypoints.postures)
-        return np.asarray(self.robot.frame_pose(self.waypoints.frame, q)[:, :3, 3])
-
-    def plain(self, duration: float) -> Array:
-        """Return the coefficients of the least jerk through the waypoints."""
-        passed = self._passing()
-        rows: Array = np.zeros((0, self._splines))
-        right: Array = np.zeros(0)
-        if self.waypoints is not None:
-            off = self.waypoints.postures - self.basis.fixed(*self.postures, passed)
-            rows = np.asarray(
-                np.kron(np.eye(len(self._way)), self.basis.design(passed)), dtype=np.float64
-            )
-            right = off.T.ravel()
-        free = np.zeros(self._splines)
-        for _ in range(3):  # the factored matrix is only near the Hessian
-            free -= scipy.linalg.cho_solve(self._smooth, self._hessian @ free + self._gradient)
-        if len(right):
-            back = scipy.linalg.cho_solve(self._smooth, rows.T)
-            free = free + back @ np.linalg.lstsq(rows @ back, right - rows @ free)[0]
-        return np.concatenate([free, [duration], passed])
-
-    def _passing(self) -> Array:
-        """Return at which shares of the duration waypoints are passed, by the way between."""
-        if self.waypoints is None:
-            return np.zeros(0)
-        points = np.vstack([self.postures[0], self.waypoints.postures, self.postures[1]])
-        way = np.cumsum(np.linalg.norm(np.diff(points, axis=0) / self._way, axis=1))
-        even = np.linspace(0.0, 1.0, 201)
-        passed = even - np.sin(2.0 * np.pi * even) / (2.0 * np.pi)
-        share = way[:-1] / max(float(way[-1]), STANDS)
-        return np.interp(np.clip(share, 0.05, 0.95), passed, even)
-
-    def jerk(self, x: Array) -> float:
-        """Half the mean square of the jerk over the duration's cube, scaled."""
-        c = x[: self._splines]
-        return self._constant + float(0.5 * c @ self._hessian @ c + self._gradient @ c)
-
-    def _prices(self) -> tuple[float, float, float]:
-        """Return the prices of a second, of a jerk, and of a swing's square."""
-        if self.wanted:
-            quiet = self.wanted * ROBUSTNESS / self.swing**2
-            return LATE, self.wanted / self._plain_jerk, quiet
-        return 1.0, SMOOTH * self.unit / self._plain_jerk, 0.0
-
-    def _cost(self, x: Array, errors: tuple[Array, ...]) -> float:
-        late, smooth, quiet = self._prices()
-        rung = sum(float(error @ error) for error in errors[1:])
-        duration = late * (x[self._splines] - self.wanted)
-        return float(duration + smooth * self.jerk(x) + quiet * rung)
-
-    def curvature(self, here: TimedRest) -> tuple[Array, Array]:
-        """Return the cost's second and first derivatives by the coefficients."""
-        late, smooth, quiet = self._prices()
-        p, n = self._splines, self._count
-        hessian, gradient = np.zeros((n, n)), np.zeros(n)
-        hessian[:p, :p] = smooth * self._hessian
-        c = here.coefficients[:p]
-        gradient[:p] = smooth * (self._hessian @ c + self._gradient)
-        gradient[p] = late
-        pairs = zip(here.errors[1:], self.change(here).errors[1:], strict=True)
-        for error, by in pairs:
-            hessian += 2.0 * quiet * by.T @ by
-            gradient += 2.0 * quiet * by.T @ error
-        return hessian, gradient
-
-    def region(self, x: Array) -> tuple[Array, Array, Array]:
-        """Return scales of coefficients, and bounds of their changes over these."""
-        duration, passed = x[self._splines], x[self._splines + 1 :]
-        scale = np.concatenate([
-            np.repeat(STEP_OF_JOINTS * self._way, self.basis.free),
-            [STEP_OF_TIME * duration],
-            np.full(len(passed), STEP_OF_PASSING),
-        ])  # fmt: skip
-        least, most = np.full((2, len(x)), np.inf)
-        least[self._splines] = min(duration - self.wanted, 0.6 * duration) / scale[self._splines]
-        if self.fixed:
-            least[self._splines] = most[self._splines] = 0.0
-        gaps = np.diff(np.concatenate([[0.0], passed, [1.0]]))
-        least[self._splines + 1 :] = 0.4 * gaps[:-1] / STEP_OF_PASSING
-        most[self._splines + 1 :] = 0.4 * gaps[1:] / STEP_OF_PASSING
-        return scale, -np.maximum(least, 0.0), most
-
-    def shares_at(self, found: TimedRest, here: TimedRest) -> Array:
-        """Return the shares (k, r) of a motion: its rows are at the same shares of time."""
-        return found.shares
-
-    def program(self, solution: TimedRest) -> RestCost:
-        """Return the cost as a function of the coefficients."""
-        return RestCost(solution, self)
-
-    def slower(self, coefficients: Array, factor: float) -> Array:
-        """Return the same motion in a longer time."""
-        slower: Array = np.array(coefficients)
-        slower[self._splines] *= np.sqrt(factor)
-        return slower
-
-    def kept(self, x: Array) -> Array:
-        """Return the coefficients of a motion as fast as limits allow without another shape."""
-        for _ in range(GUESSES):
-            found = self.solve(x, None)
-            x = found.coefficients
-            if excess(found) <= NEAR:
-                break
-            x = self.slower(x, 1.0 + 1.2 * excess(found))
-        return x
-
-    def near(self, other: RestProblem, x: Array) -> Array:
-        """Return the coefficients of the motion of a problem with other splines."""
-        shares = np.linspace(0.0, 1.0, 4 * self.basis.segments + 1)[1:-1]
-        rows = other.basis.design(shares) @ other.shaped(x)
-        rows += other.basis.fixed(*self.postures, shares)
-        wanted = rows - self.basis.fixed(*self.postures, shares)
-        found = np.linalg.lstsq(self.basis.design(shares), wanted)[0]
-        return np.concatenate([found.T.ravel(), x[other.at_duration :]])
-
-    def shaped(self, x: Array) -> Array:
-        """Return the splines' coefficients (free, driven)."""
-        return np.asarray(x[: self._splines].reshape(len(self._way), -1).T)
-
-    def run(self, x: Array) -> TimedRest:
-        """Return the motion with coefficients, whatever rings at its end."""
-        self._check()
-        duration, c = float(x[self._splines]), self.shaped(x)
-        rows = [
-            (design @ c + fixed) / duration**order
-            for order, (design, fixed) in enumerate(zip(self._designs, self._fixed, strict=True))
-        ]
-        between = self.driven.all((self._between[0] @ c + self._between[1]) / duration**2, 2)
-        q, qd, qdd = (self.driven.all(row, order) for order, row in enumerate(rows))
-        step = duration / self.count
-        motions = [swing.run(step, q, qd, between) for swing in self.swings]
-        errors = tuple(
-            swing.error(motion) for swing, motion in zip(self.swings, motions, strict=True)
-        )
-        own = motions[0]
-        nodes = slice(None, None, self._every)
-        at = self._moments(own.q[nodes], own.qd[nodes], qdd[nodes])
-        shares = self.rows.values(at, step * self._every)
-        shares = shares * self.rows.narrowed(self.shares[nodes])
-        passed = np.zeros((len(shares), len(self._goals)))
-        if len(self._goals):
-            passed[0], _ = self._passed(x, own)
-        return TimedRest(
-            x,
-            duration,
-            self._cost(x, errors),
-            np.hstack([shares, passed]),
-            at,
-            own,
-            qdd,
-            errors,
-        )
-
-    def _moments(self, q: Array, qd: Array, given: Array) -> Moments:
-        robot = self.robot
-        q, qd = np.ascontiguousarray(q), np.ascontiguousarray(qd)
-        force, free = robot.hybrid_dynamics(q, qd, given)
-        qdd = np.zeros_like(q)
-        qdd[:, robot.joint_indices], qdd[:, robot.free_indices] = given, free
-        return Moments(q, qd, qdd, self.driven.torque(force))
-
-    def _passed(self, x: Array, motion: Driven) -> tuple[Array, Array]:
-        """Return how far tips are from the waypoints over the radius (w,), and how by q (w, n)."""
-        assert self.waypoints is not None
-        q = self._interpolated(motion.q, x[self._splines + 1 :])
-        frame = self.waypoints.frame
-        off = self.robot.frame_pose(frame, q)[:, :3, 3] - self._goals
-        size = np.linalg.norm(off, axis=1)
-        along = off / np.maximum(size, 1e-12)[:, None]
-        gain = np.einsum('wc,wcn->wn', along, self.robot.frame_jacobian(frame, q)[:, :3])
-        return size / self.waypoints.radius, gain / self.waypoints.radius
-
-    def _interpolated(self, rows: Array, shares: Array) -> Array:
-        """Return rows (k, ...) at shares (w,) of the duration, linear between steps."""
-        at = np.clip(shares, 0.0, 1.0) * self.count
-        low = np.minimum(at.astype(np.int64), self.count - 1)
-        part = (at - low).reshape(-1, *np.ones(rows.ndim - 1, dtype=np.int64))
-        return np.ascontiguousarray((1.0 - part) * rows[low] + part * rows[low + 1])
-
-    def solve(self, coefficients: Array, near: tuple[TimedRest, Array] | None) -> TimedRest:
-        """Return the motion with coefficients (p,) that is at rest at its end."""
-        if near is None:
-            found, back = self.run(coefficients), None
-        else:
-            old, change = near
-            by = self.change(old)
-            found, back = self.run(old.coefficients + by.resting @ change), by.back
-        left = np.inf
-        for _ in range(NEWTON):
-            before, left = left, self.left(found)
-            if left <= EXACT or (back is None and left > before):
-                break
-            if back is not None and left > SLOWLY * before:
-                back = None
-            step = self.change(found).back if back is None else back
-            found = self.run(found.coefficients - step @ found.errors[0])
-        left = self.left(found)
-        if not left <= QUIET:
-            raise self.failure(found.duration, f'{100.0 * left:.3g} % of the swing is left')
-        return found
-
-    def left(self, solution: TimedRest) -> float:
-        """Residual vibration as a share of the plain motion's."""
-        return float(np.linalg.norm(solution.errors[0])) / self.size
-
-    def failure(self, duration: float, why: str) -> SolverError:
-        """Return the error of a motion that was not found."""
-        return SolverError(
-            f'{self.robot.tree.name}: rest to rest in {duration:.4g} s must be possible, got '
-            f'none: {why}'
-        )
-
-    def change(self, here: TimedRest) -> _Change:
-        """Return the derivatives of a motion, kept with it."""
-        if not here.change:
-            here.change.append(self._changed(here))
-        return here.change[0]
-
-    def _changed(self, here: TimedRest) -> _Change:
-        p, duration = self._splines, here.duration
-        joints = self.robot.joint_indices
-        drives = []
-        for order, design in enumerate(self._designs):
-            whole = np.zeros((len(design), len(joints), self._count))
-            whole[:, :, :p] = np.einsum(
-                'ji,kf->kjif', self.driven.ties, design / duration**order
-            ).reshape(len(design), len(joints), p)
-            drives.append(whole)
-        drives[1][:, :, p] = -here.motion.qd[:, joints] / duration
-        drives[2][:, :, p] = -2.0 * here.qdd / duration
-        stretch = np.zeros(self._count)
-        stretch[p] = 1.0 / duration
-        step = duration / self.count
-        motion = here.motion
-        own = self.swings[0].change(step, motion, here.qdd, tuple(drives), stretch, self._every)
-        errors = [own.error]
-        if len(self.swings) > 1:
-            q, qd = motion.q[:, joints], motion.qd[:, joints]
-            for swing in self.swings[1:]:
-                other = swing.run(step, q, qd, motion.qdd_joints)
-                errors.append(
-                    swing.change(step, other, here.qdd, tuple(drives), stretch, None).error
-                )
-        by = own.error[:, :p]
-        towards = scipy.linalg.cho_solve(self._smooth, by.T)
-        back = np.zeros((self._count, len(by)))
-        back[:p] = towards @ np.linalg.pinv(by @ towards, rcond=1e-10, hermitian=True)
-        resting = np.eye(self._count) - back @ own.error
-        return _Change(tuple(errors), own, resting, back)
-
-    def jacobian(self, solution: TimedRest) -> Array:
-        """Return the derivatives (k r, p) of the shares, row by row."""
-        by = self.change(solution)
-        robot, p, step = self.robot, self._splines, solution.duration / self.count
-        nodes = slice(None, None, self._every)
-        moments = Moments(*by.own.moments[:3], self.driven.ties.T @ by.own.moments.torque)
-        rows = self.rows.changes(solution.at, step * self._every, moments)
-        rows *= self.rows.narrowed(self.shares[nodes])[:, :, None]
-        for k, name in enumerate(self.rows.names):  # differences are over longer steps
-            order = DIFFERENCES.get(name.split()[0], 0)
-            rows[:, k, p] -= order * solution.shares[:, k] / solution.duration
-        passed = np.zeros((len(rows), len(self._goals), self._count))
-        if len(self._goals):
-            _, gain = self._passed(solution.coefficients, solution.motion)
-            at = solution.coefficients[p + 1 :]
-            dq = np.zeros((len(at), robot.n, self._count))
-            free = robot.free_indices
-            dq[:, free] = self._interpolated(by.own.states[:, : len(free)], at)
-            designs = np.einsum('ji,wf->wjif', self.driven.ties, self.basis.design(at))
-            dq[:, robot.joint_indices, :p] = designs.reshape(len(at), -1, p)
-            changes = np.einsum('wn,wnp->wp', gain, dq)
-            pace = solution.duration * self._interpolated(solution.motion.qd, at)
-            w = np.arange(len(at))
-            changes[w, p + 1 + w] += np.einsum('wn,wn->w', gain, pace)
-            passed[0] = changes
-        whole = np.concatenate([rows, passed], axis=1).reshape(-1, self._count)
-        return np.asarray(whole - (whole @ by.back) @ by.errors[0])
-
-    def motion(self, found: TimedRest) -> RestMotion:
-        """Return a motion that was found."""
-        times, shaped = self.shares * found.duration, self.shaped(found.coefficients)
-        return RestMotion(
-            found.duration,
-            times,
-            found.motion,
-            self.left(found),
-            self.basis,
-            shaped,
-            *self.postures,
-            self.driven,
-        )
-
-    def plan(self, found: TimedRest) -> Plan:
-        """Return the plan of a motion, in finer steps."""
-        return self.to_plan(self.motion(found))
-
-    def places(self, plan: Plan) -> Array:
-        """Return the places along the motion (k,), 0 to 1, of a plan's rows."""
-        return np.asarray((plan.t - plan.t[0]) / (plan.t[-1] - plan.t[0]))
-
-
-# of limits that LimitRows takes by differences in time, their order
-DIFFERENCES = {'jerk': 1, 'effort_rate': 1, 'tip_speed': 1, 'tip_acceleration': 2}
+RESOLVED = 0.8  # segments in a period of the fastest mode, where accelerations may jump
+JUMPING = 'position', 'velocity', 'acceleration', 'effort'  # limits where accelerations may jump
+ROUNDS = 30  # of the smoothest motion
+DURATIONS, LEAST, HOLD = 40, 15, 16  # that are tried, at least, and more where they stay
+LATELY, STILL = 8, 4e-3  # durations that differ by such a share: they save little more
+LITTLE, AWHILE = 1e-3, 4  # share by which a duration is longer that stays, and steps in it
+FAR, NARROW = 1.0, 0.01  # share beyond limits where no search ends, and the least radius
+POWER, POWERS = 2.0, (0.5, 4.0)  # of the duration with which the share that is needed falls
+APART, BESIDE = 0.01, 0.04  # shares of a duration: two say with which power, or are one problem
+LEAP = 1.6  # times a duration that the next one is, at most
+RADIUS, NEARER, FASTER = 1.0, 0.5, 0.6  # of programs, what shrinks it, and by what excess falls
+CLOSE, ROUGH = (3e-4, NEAR), (1e-2, 0.05)  # where a search ends: steps in time, shares beyond
+GUESSES = 12  # of a duration in which a motion keeps its limits
+STRETCHES, STRETCH = 30, 1.2  # of the plain motion, where no other is found
 
 
 @dataclass(frozen=True)
@@ -656,65 +91,60 @@ class RestSearch:
         stopped: Callable[[], bool],
     ) -> Plan:
         """Return the plan of a duration [s], or the shortest, within all limits."""
-        problem, found, gains, settled = self.found(duration, progress, stopped)
-        problem.to_plan = to_plan
-        return checked_plan(
-            problem, Found(found, found.coefficients, gains, 0, settled), self.rows, stopped
-        )
+        problem, found = self.found(duration, progress, stopped)
+        if duration is not None:  # they are of the jerk
+            found = replace(found, gains=np.zeros(len(found.gains)))
+        problem.longer, problem.to_plan = True, to_plan
+        search = shortest if problem.gentle else tightened
+        try:
+            return checked_plan(problem, found, self.rows, stopped, search)
+        except CancelledError:
+            raise
+        except SolverError:
+            if duration is not None:
+                raise
+            problem, found = self._stretched(found.solution.duration)
+            problem.longer, problem.to_plan = True, to_plan
+            return checked_plan(problem, found, self.rows, stopped, search)
 
     def found(
         self,
         duration: float | None,
         progress: Callable[[float], object],
         stopped: Callable[[], bool],
-    ) -> tuple[RestProblem, TimedRest, Array, bool]:
-        """Return the problem, the motion, the limits' gains, and whether the search settled.
-
-        Of a duration [s], or the shortest.
-        """
-        limits = self.limits.joints.of(self.driven.places)
-        least = _least(self.postures, limits)
+    ) -> tuple[RestProblem, Found[TimedRest]]:
+        """Return the problem and the motion of a duration [s], or the shortest."""
         if duration is None:
             self._require_pace()
             return self._shortest(progress, stopped)
+        self.rows.widen()
+        problem = self._gentle(duration, self._basis(duration))
+        start = problem.plain(duration)
         if np.abs(self.postures[1] - self.postures[0]).max() <= STANDS and self.waypoints is None:
-            problem = self._problem(duration)
-            problem.refine(duration, 1)
-            return (
-                problem,
-                problem.run(problem.plain(duration)),
-                np.zeros(len(problem.names)),
-                True,
-            )
-        problem = self._problem(duration)
+            gains = np.zeros(len(problem.names))
+            return problem, Found(problem.run(start), start, gains, 0, True)
+        least = _least(self.postures, self.limits.joints.of(self.driven.places))
         if duration <= least:
             raise problem.failure(
                 duration,
                 'the limits of velocity, acceleration and jerk leave no motion; these limits '
                 f'take {least:.4g} s at least',
             )
-        why: SolverError | None = None
-        try:
-            result = self._timed(problem, problem.plain(duration), progress, stopped)
-            if result[1].duration <= (1.0 + ON_TIME) * duration:
-                return result
-        except CancelledError:
-            raise
-        except SolverError as error:
-            why = error
-        shortest_problem, found, *_ = self._shortest(progress, stopped)
-        if found.duration <= duration:  # the joints may wait
-            problem = self._problem(duration, shortest_problem.basis)
-            first = found.coefficients.copy()
-            first[problem.at_duration] = duration
-            problem.fixed = True
-            with suppress(SolverError):
-                result = self._timed(problem, first, progress, stopped)
-                if result[1].duration <= (1.0 + ON_TIME) * duration:
-                    return result
-        reason = '' if why is None else f'; {why}'
+        smooth, keeps = self._smoothest(problem, start, progress, stopped)
+        if smooth is not None and keeps:
+            return problem, smooth
+        fast, found = self._shortest(progress, stopped)
+        if found.solution.duration <= duration:  # the joints may wait
+            waits = self._gentle(duration, fast.basis)
+            start = waits.lasting(found.coefficients, duration)
+            other, keeps = self._smoothest(waits, start, progress, stopped)
+            if other is not None and (keeps or smooth is None):
+                return waits, other
+        if smooth is not None:
+            return problem, smooth
         raise problem.failure(
-            duration, f'the shortest motion that was found takes {found.duration:.4g} s{reason}'
+            duration,
+            f'the shortest motion that was found takes {found.solution.duration:.4g} s',
         )
 
     def _require_pace(self) -> None:
@@ -729,70 +159,116 @@ class RestSearch:
                 'velocity, acceleration, effort or such, got none; give a duration'
             )
 
-    def _problem(self, duration: float, basis: RestBasis | None = None) -> RestProblem:
-        """Return the problem of a duration, 0: the shortest."""
+    def _basis(self, duration: float) -> RestBasis:
+        """Return smooth splines for a duration [s]."""
+        last = self.driven.all(self.postures[1])
+        fastest = float(ringing_modes(self.robots[0], last, self.modes).frequencies.max())
+        wanted = int(np.ceil(SEGMENTS_PER_PERIOD * fastest * duration))
+        return RestBasis(min(max(wanted, SEGMENTS[0]), SEGMENTS[1]))
+
+    def _problem(self, basis: RestBasis, gentle: bool) -> RestProblem:
         limits = self.limits.joints.of(self.driven.places)
-        if basis is None:
-            last = self.driven.all(self.postures[1])
-            fastest = float(ringing_modes(self.robots[0], last, self.modes).frequencies.max())
-            wanted = int(np.ceil(SEGMENTS_PER_PERIOD * fastest * duration))
-            basis = RestBasis(min(max(wanted, SEGMENTS[0]), SEGMENTS[1]))
         return RestProblem(
-            self.robots if duration else self.robots[:1],
+            self.robots if gentle else self.robots[:1],
             self.driven,
             self.postures,
             self.rows,
             basis,
-            duration,
+            gentle,
             self.modes,
             np.where(np.isfinite(limits.acceleration), limits.acceleration, 1.0),
             self.waypoints,
             self.check,
         )
 
-    def _timed(
+    def _gentle(self, duration: float, basis: RestBasis) -> RestProblem:
+        """Return the problem of the smoothest motion in a duration [s]."""
+        problem = self._problem(basis, True)
+        problem.refine(duration, 1)
+        return problem
+
+    def _smoothest(
         self,
         problem: RestProblem,
         first: Array,
         progress: Callable[[float], object],
         stopped: Callable[[], bool],
-    ) -> tuple[RestProblem, TimedRest, Array, bool]:
-        """Return the smoothest motion in the wanted duration, or in little more."""
-        wanted = problem.wanted
-        problem.refine(wanted, 1)
-        rounds = FEW if problem.fixed else SMOOTHER
-        found = shortest(problem, first, progress, stopped, rounds)
-        solution = found.solution
-        if solution.duration <= (1.0 + ON_TIME) * wanted:
-            exact = solution.coefficients.copy()
-            exact[problem.at_duration] = wanted
-            solution = problem.solve(exact, None)
-        return problem, solution, found.gains, found.settled
+    ) -> tuple[Found[TimedRest] | None, bool]:
+        """Return the smoothest motion in the duration of a problem, None where none is found.
 
-    def _shortest(
-        self, progress: Callable[[float], object], stopped: Callable[[], bool]
-    ) -> tuple[RestProblem, TimedRest, Array, bool]:
-        """Return the shortest motion: with few segments and coarse steps first, then with all."""
-        joints = len(self.postures[0])
-        segments = min(max(UNKNOWNS // joints, LEAST_FINE), FINEST)
-        rough = self._problem(0.0, RestBasis(segments // 2, 3, 3))
-        first = self._begin(rough)
-        rough.refine(float(first[rough.at_duration]), 0)
-        found = shortest(rough, first, lambda share: progress(0.6 * share), stopped, ROUNDS)
-        problem = self._problem(0.0, RestBasis(2 * (segments // 2), 3, 3))
-        problem.refine(found.solution.duration, 1)
-        start = problem.near(rough, found.coefficients)
-
-        def rest(share: float) -> object:
-            return progress(0.6 + 0.4 * share)
-
+        And whether it keeps the limits between the moments of the search.
+        """
+        found = None
         try:
-            found = shortest(problem, start, rest, stopped, ROUNDS // 3)
+            found = shortest(problem, first, progress, stopped, ROUNDS)
+            return kept(problem, found, self.rows, problem.look, stopped), True
         except CancelledError:
             raise
         except SolverError:
-            found = shortest(problem, problem.kept(start), rest, stopped, ROUNDS // 3)
-        return problem, found.solution, found.gains, found.settled
+            return found, False
+
+    def _shortest(
+        self, progress: Callable[[float], object], stopped: Callable[[], bool]
+    ) -> tuple[RestProblem, Found[TimedRest]]:
+        """Return the shortest motion, at worst the plain one as slow as it must be."""
+        self.rows.widen()
+        least = _least(self.postures, self.limits.joints.of(self.driven.places))
+        try:
+            problem, found = self._quickest(progress, stopped)
+            return problem, kept(problem, found, self.rows, problem.look, stopped, tightened)
+        except CancelledError:
+            raise
+        except SolverError:
+            return self._stretched(least)
+
+    def _quickest(
+        self, progress: Callable[[float], object], stopped: Callable[[], bool]
+    ) -> tuple[RestProblem, Found[TimedRest]]:
+        """Search with few unknowns and coarse steps first, then with all."""
+        joints = len(self.postures[0])
+        segments = min(max(UNKNOWNS // joints, LEAST_FINE), FINEST) // 2
+        rough = self._problem(RestBasis(segments, 3, 3), False)
+        first = self._begin(rough)
+        found = quickest(
+            rough, first, lambda share: progress(0.4 * share), stopped, DURATIONS, ROUGH
+        )
+        jumps = self._may_jump(found.solution.duration / segments)
+        basis = RestBasis(segments, 3, 2, jumps=True) if jumps else RestBasis(2 * segments, 3, 3)
+        problem = self._problem(basis, False)
+        problem.refine(found.solution.duration, 1)
+        start = problem.near(rough, found.coefficients)
+        return problem, quickest(
+            problem, start, lambda share: progress(0.4 + 0.6 * share), stopped, DURATIONS
+        )
+
+    def _stretched(self, seconds: float) -> tuple[RestProblem, Found[TimedRest]]:
+        """Return the plain motion at rest, so much slower than a duration [s] as it must be."""
+        self.rows.widen()
+        for _ in range(STRETCHES):
+            problem = self._gentle(seconds, self._basis(seconds))
+            x, longer = problem.plain(seconds), STRETCH
+            with suppress(SolverError):
+                there = problem.solve(x, None)
+                most = max(excess(there), float(np.abs(problem.look(there)[1]).max()) - 1.0)
+                if most <= NEAR:
+                    gains = np.zeros(len(problem.names))
+                    return problem, Found(there, there.coefficients, gains, 0, False)
+                longer = float(np.clip(1.01 * np.sqrt(1.0 + most), 1.02, 2.0))
+            seconds *= longer
+        raise problem.failure(seconds, 'the limits are passed')
+
+    def _may_jump(self, segment: float) -> bool:
+        """Say whether accelerations may jump between segments [s].
+
+        Where only joints have limits, none of them on a jerk or an effort rate, and segments
+        resolve the modes that it excites.
+        """
+        if any(name.split()[0] not in JUMPING for name in self.rows.names):
+            return False
+        robot = self.robots[0]
+        end = robot.static_deflection(self.driven.all(self.postures[1]))
+        fastest = float(robot.natural_frequencies(end, held=False).max())
+        return RESOLVED * fastest * segment <= 1.0
 
     def _begin(self, problem: RestProblem) -> Array:
         """Return the plain motion, so slow that it keeps its limits."""
@@ -805,6 +281,110 @@ class RestSearch:
                 break
             seconds *= max(np.sqrt(most), 1.05)
         return problem.plain(1.1 * seconds)
+
+
+def quickest(
+    problem: RestProblem,
+    start: Array,
+    progress: Callable[[float], object],
+    stopped: Callable[[], bool],
+    durations: int,
+    close: tuple[float, float] = CLOSE,
+) -> Found[TimedRest]:
+    """Return the motion in the shortest duration that was found (see :func:`shortest`).
+
+    In one duration after the other a program says how little of the limits is needed at least.
+    That falls with a power of the duration, by which the next one is chosen. The last one is a
+    share `close` from the one before, with that share beyond the limits. Where durations save
+    little, steps in a slightly longer one bring the motion within the limits.
+    """
+    best: Found[TimedRest] | None = None
+    here: TimedRest | None = None
+    x, radius, power, last, most = start, RADIUS, POWER, 0.0, 1.0
+    tried: list[float] = []
+    hold = 0.0
+    for k in range(durations + HOLD):
+        progress(1.0 - 0.85**k)
+        ended = stopped()
+        if best is not None and ended:
+            return replace(best, settled=False)
+        if best is not None and best.solution.duration <= hold:
+            return best
+        try:
+            there = problem.solve(x, None)
+        except CancelledError:
+            raise
+        except SolverError:
+            if here is None:
+                raise
+            radius *= NEARER
+        else:
+            if here is not None and abs(np.log(there.duration / last)) <= BESIDE:
+                better = excess(there) <= FASTER * excess(here) + NEAR
+                radius = min(radius / NEARER, RADIUS) if better else radius * NEARER
+                radius = max(radius, NARROW)
+            here, jacobian = there, problem.jacobian(there)
+        objective, c = problem.program(here), here.coefficients
+        step = program(objective, here, jacobian, c, radius, problem.price)
+        if step is None:
+            break
+        x, _, gains, _ = step
+        needed = float(np.abs(here.shares.ravel() + jacobian @ (x - c)).max())
+        if last and abs(np.log(last / here.duration)) > APART:
+            estimate = float(np.log(most / needed) / np.log(here.duration / last))
+            power = estimate if POWERS[0] <= estimate <= POWERS[1] else power
+        last, most = here.duration, needed
+        tried.append(last)
+        longer = needed ** (1.0 / power)
+        settled = abs(longer - 1.0) <= close[0] and excess(here) <= close[1]
+        shorter = best is None or last < best.solution.duration
+        if settled or (shorter and excess(here) <= NEAR):
+            best = Found(here, c, gains / power, k + 1, not ended and (settled or hold > 0.0))
+            if settled:
+                return best
+        durations = k if ended else durations
+        if k + 1 >= min(durations, LEAST) and not hold:
+            saves = durations > k and (
+                excess(here) > FAR or np.ptp(np.log(tried[-LATELY:])) > STILL
+            )
+            if not saves and best is not None and best.solution.duration <= (1.0 + LITTLE) * last:
+                return replace(best, settled=True)
+            if not saves or k + 1 >= durations:
+                hold = max(longer, 1.0) * (1.0 + LITTLE) * last
+        if hold:  # steps in one duration bring the motion within its limits
+            hold *= 1.0 if (k + 1) % AWHILE else 1.0 + LITTLE
+            x = problem.lasting(x, hold)
+            continue
+        leap = radius / RADIUS
+        x = problem.lasting(x, float(np.clip(longer, LEAP**-leap, LEAP**leap)) * last)
+    for _ in range(GUESSES):  # the last motion, slower
+        if here is None or excess(here) <= NEAR:
+            break
+        slower = (1.0 + 1.1 * excess(here)) ** (1.0 / power) * here.duration
+        with suppress(SolverError):
+            here = problem.solve(problem.lasting(here.coefficients, slower), None)
+            continue
+        break
+    if (
+        here is not None
+        and excess(here) <= NEAR
+        and (best is None or here.duration < best.solution.duration)
+    ):
+        best = Found(here, here.coefficients, gains / power, durations, False)
+    if best is None:
+        raise problem.failure(last, 'the limits are passed')
+    return best
+
+
+def tightened(
+    problem: RestProblem,
+    start: Array,
+    progress: Callable[[float], object],
+    stopped: Callable[[], bool],
+    _rounds: int,
+) -> Found[TimedRest]:
+    """Return a motion that keeps narrower limits in little more than the duration of another."""
+    return quickest(problem, start, progress, stopped, 0)
 
 
 def rest_to_rest(
@@ -860,8 +440,8 @@ def rest_to_rest(
     )
     if duration is not None and not (np.isfinite(duration) and duration > 0.0):
         raise StateError(f'rest to rest: duration must be > 0 s, got {duration}')
-    problem, found, _, _ = search.found(duration, lambda _share: None, lambda: False)
-    return problem.motion(found)
+    problem, found = search.found(duration, lambda _share: None, lambda: False)
+    return problem.motion(found.solution)
 
 
 def rest_search(

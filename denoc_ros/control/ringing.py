@@ -101,6 +101,17 @@ def ringing_modes(
     return RingingModes(damped_frequency(frequencies, ratios), np.asarray(ratios))
 
 
+def fastest_mode(robot: Robot, q_joints: ArrayLike, rests: float) -> float:
+    """Return the frequency [Hz] of the fastest mode that a simulation of a motion resolves.
+
+    The fastest of all with the joints held, at most `WIDEST` times the fastest one that rests.
+    """
+    if not len(robot.flexible_indices):
+        return rests
+    own = robot.natural_frequencies(robot.static_deflection(q_joints))
+    return float(np.clip(own.max(), rests, WIDEST * rests))
+
+
 def modes_along(
     robot: Robot, postures: Array, count: int | None = None, table: ModeTable | None = None
 ) -> RingingModes:

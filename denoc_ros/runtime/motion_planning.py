@@ -142,6 +142,8 @@ def shape_job(settings: Settings, robot: dict[str, Any], joints: Sequence[str]) 
         options.update(time='minimum', margin=settings.number('margin'))
     elif method == 'rest_to_rest':
         options['robustness'] = settings.number('robustness')
+    if method == 'rest_to_rest':
+        options['radius'] = settings.number('radius') or None
     if method in OF_STREAMS and settings.text('mode_table'):
         options['mode_table'] = settings.text('mode_table')
     return {

@@ -94,6 +94,15 @@ TABLE = ParameterTable(
             0.5,
             live=True,
         ),
+        parameter(
+            'radius',
+            0.0,
+            'how near the tip passes the points of a trajectory between first and last '
+            '(`method: rest_to_rest`); 0: they do not matter',
+            'm',
+            0.0,
+            live=True,
+        ),
         *(
             parameter(
                 f'limits.{what}',

@@ -6,10 +6,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from planar_chains import FLEXIBLE, planar_chain
+from rest_by_ipopt import Beams, RestBeams
 from scipy.optimize import brentq
 from shaped_runs import cycloid, swing_after
 
 import denoc_ros as dn
+from denoc_ros.control.joint_limits import joint_limits
 from denoc_ros.control.rest_to_rest import rest_to_rest
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import SolverError, StateError
@@ -81,8 +84,21 @@ def bang_bang(robot: Robot, way: float) -> float:
 def test_one_link_is_as_fast_as_the_bang_bang_of_its_closed_form(way: float) -> None:
     robot = one_link()
     motion = rest_to_rest(robot, [0.0], [way])
-    assert motion.duration == pytest.approx(bang_bang(robot, way), rel=0.01)
+    assert motion.duration == pytest.approx(bang_bang(robot, way), rel=0.005)
     assert motion.left < 1e-3
+
+
+def test_one_link_is_as_fast_as_by_ipopt() -> None:
+    peer = Beams(1, FLEXIBLE.length, FLEXIBLE.mass, FLEXIBLE.ei, armature=0.2)
+    robot = dn.load_robot(planar_chain((FLEXIBLE,)), gravity=(0, 0, 0))
+    robot = robot.with_overrides({'joint.joint_1.armature': peer.armature})
+    state = np.random.default_rng(1).uniform(-0.3, 0.3, (3, robot.n))
+    forces = np.array(peer.forces()(*state))[:, 0]
+    np.testing.assert_allclose(forces, robot.inverse_dynamics(*state), rtol=1e-6, atol=1e-6)
+    least = RestBeams(peer, np.zeros(1), np.array([0.2]), np.array([100.0]), 2).shortest(0.15, 16)
+    limits = joint_limits(robot, effort=100.0)
+    motion = rest_to_rest(robot, [0.0], [0.2], limits=limits, modes=2)
+    assert motion.duration == pytest.approx(least, rel=0.005)
 
 
 def test_limits_hold_on_the_flexible_motion_and_nothing_rings() -> None:
@@ -129,6 +145,20 @@ def test_waypoints_are_passed_within_their_radius() -> None:
     assert nearest(waypoints=via, radius=0.05) <= 0.051
 
 
+def test_points_between_are_waypoints_where_there_is_a_radius() -> None:
+    robot = dn.load_robot('config/robots/two_link_ff.urdf', gravity=(0, 0, 0))
+    points = np.array([[0.0, 0.0], [0.6, 0.6], [0.5, 0.5]])
+    t = np.array([0.0, 1.0, 2.0])
+    given: dict[str, Any] = {'robustness': 0.0, 'radius': 0.02}
+    plan = dn.shape_motion(robot, t, points, 'rest_to_rest', **given)
+    same = dn.shape_motion(
+        robot, t[::2], points[::2], 'rest_to_rest', waypoints=points[1:2], duration=2.0, **given
+    )
+    np.testing.assert_allclose(plan.q, same.q, atol=1e-9)
+    assert plan.limits is not None
+    assert not any(plan.limits.gains.values())  # of the time, which was given
+
+
 @pytest.mark.parametrize(
     ('options', 'error', 'words'),
     [
@@ -142,6 +172,7 @@ def test_waypoints_are_passed_within_their_radius() -> None:
         ({'robustness': 0.1}, StateError, 'robustness must be 0 in the shortest motion, got 0.1'),
         ({'waypoints': [[9.0]], 'radius': 0.1}, StateError, r'waypoint 1 must be within \[-7'),
         ({'waypoints': [[0.1]]}, StateError, 'radius of waypoints must be > 0 m, got None'),
+        ({'radius': 0.1}, StateError, 'waypoints must be 20 at most, got 39'),
         ({'waypoints': [[np.nan]], 'radius': 0.1}, StateError, 'waypoints must be finite, got'),
         ({'waypoints': [0.1], 'radius': 0.1}, StateError, 'waypoints must be rows of 1 numbers'),
         ({'way': 8.0}, StateError, 'end must be within'),

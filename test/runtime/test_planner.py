@@ -145,6 +145,26 @@ def test_loading_plans_a_motion_that_stands_still(monkeypatch: pytest.MonkeyPatc
     np.testing.assert_allclose(q, [[0.2, 0.3]] * len(q))
 
 
+@pytest.mark.parametrize('count', [2, 4])
+def test_the_points_between_are_waypoints_where_there_is_a_radius(
+    monkeypatch: pytest.MonkeyPatch, count: int
+) -> None:
+    asked: dict[str, Any] = {}
+
+    def shape(*_: Any, **options: Any) -> NoReturn:
+        asked.update(options)
+        raise StateError('planned')
+
+    monkeypatch.setattr(planner_process, 'shape_motion', shape)
+    rows = np.linspace([0.0, 0.0], [0.4, 0.2], count)
+    knots = np.linspace(0.0, 1.0, count), rows, np.zeros_like(rows), np.zeros_like(rows)
+    arrays = dict(zip(KNOTS, knots, strict=True), posture=np.zeros(6))
+    job = {**SHAPE, 'method': 'rest_to_rest', 'options': {'radius': 0.05}, 'id': 1}
+    assert Planning().answer(job, arrays)[0]['error'] == 'planned'
+    assert asked['radius'] == (None if count == 2 else 0.05)
+    np.testing.assert_allclose(asked.get('waypoints', np.zeros((0, 2))), rows[1:-1])
+
+
 def test_process_answers_and_ends_with_its_input() -> None:
     planner = Planner()
     try:

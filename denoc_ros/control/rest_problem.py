@@ -1,0 +1,646 @@
+"""The motion between two postures as splines, what rings at its end, and its limits."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import clarabel
+import numpy as np
+import scipy.linalg
+import scipy.sparse as sparse
+from numpy.typing import ArrayLike
+from scipy.interpolate import BSpline
+
+from denoc_ros.control.driven_joints import DrivenJoints
+from denoc_ros.control.end_swing import Driven, EndSwing, moments_change
+from denoc_ros.control.limit_rows import LimitRows, Moments
+from denoc_ros.control.minimum_time import Part
+from denoc_ros.control.plan import Plan
+from denoc_ros.control.ringing import fastest_mode, ringing_modes
+from denoc_ros.dynamics.robot import Robot
+from denoc_ros.errors import SolverError
+from denoc_ros.types import Array
+
+PER_SEGMENT = {3: 2, 5: 6}  # moments at which limits are looked at, by the splines' degree
+MOMENTS = 1, 160  # of all, at least: with coarse steps and with fine ones
+WITH_JUMPS = 4
+BESIDE = 1e-9  # of the duration: how near to a jump its sides are
+STEPS = 200  # of the simulated motion, at least
+# of the fastest mode that rests, and of the fastest of all: while unknowns are few, and after
+STEPS_PER_PERIOD = (20.0, 60.0), (10.0, 40.0)
+QUIET = 1e-3  # share of the plain motion's swing that counts as rest
+EXACT = 1e-4  # share to which the search brings it
+STANDS = 1e-9  # rad, m: a way that is none
+NEWTON = 10  # steps to rest
+SLOWLY = 0.3  # share of a swing that a step with the derivatives of the motion before leaves
+# durations that the plain motion's mean square of jerk costs in minimum time, without and with
+# jumps
+SMOOTH = 1e-7, 1e-9
+ROBUSTNESS = 2e4  # jerks of the plain motion that all the swing with other frequencies costs
+FIRM, STEADY = 200.0, 1e-4  # price of a share beyond a limit, and least share of the jerk saved
+ROOM = 0.9  # share of the limits that the shortest motion may leave free in a duration
+FASTER = 1.0, 0.9, 0.8, 0.7  # plain motions of which the largest swing is that scale
+PARTS = 16  # of a segment, over which jerks are means
+STEP_OF_JOINTS, STEP_OF_PASSING = 0.3, 0.1  # scales of a trust region
+
+
+class RestBasis:
+    """B-splines over [0, 1] whose first derivatives are 0 at both ends.
+
+    Parameters
+    ----------
+    segments : int
+        Equal pieces.
+    degree, ends : int
+        Of the splines, and how many coefficients are fixed at each end: of degree 5 with 4
+        position, velocity, acceleration and jerk; of degree 3 with 3 all but the jerk.
+    jumps : bool
+        Whether accelerations may jump between segments, and at both ends: of degree 3 with 2.
+
+    Attributes
+    ----------
+    free : int
+        Coefficients of each joint that are free.
+    """
+
+    def __init__(self, segments: int, degree: int = 5, ends: int = 4, jumps: bool = False) -> None:
+        self.segments, self.jumps = segments, jumps
+        self.degree, self._ends = degree, ends
+        inner = np.repeat(np.linspace(0.0, 1.0, segments + 1)[1:-1], 2 if jumps else 1)
+        self._knots = np.concatenate((np.zeros(degree + 1), inner, np.ones(degree + 1)))
+        self._count = len(inner) + degree + 1
+        self.free = self._count - 2 * ends
+
+    def moments(self, fine: int) -> tuple[int, Array]:
+        """Return nodes for each segment, and the shares at which limits are looked at.
+
+        On both sides of jumps.
+        """
+        nodes = WITH_JUMPS if self.jumps else PER_SEGMENT[self.degree]
+        nodes = max(nodes, -(-MOMENTS[fine] // self.segments))
+        shares = np.linspace(0.0, 1.0, nodes * self.segments + 1)
+        if self.jumps:
+            sides = np.repeat(shares, 2)[1:-1].reshape(-1, 2)
+            sides[0::nodes, 0] += BESIDE
+            sides[nodes - 1 :: nodes, 1] -= BESIDE
+            shares = np.unique(sides)
+        return nodes, shares
+
+    def design(self, shares: ArrayLike, derivative: int = 0) -> Array:
+        """Basis functions of the free coefficients at shares (k,) of the duration: (k, free)."""
+        return self._columns(shares, derivative)[:, self._ends : -self._ends]
+
+    def fixed(self, start: Array, end: Array, shares: ArrayLike, derivative: int = 0) -> Array:
+        """Motion by the fixed coefficients at shares (k,): (k, joints)."""
+        columns = self._columns(shares, derivative)
+        first = columns[:, : self._ends].sum(axis=1)
+        last = columns[:, -self._ends :].sum(axis=1)
+        return np.asarray(np.outer(first, start) + np.outer(last, end))
+
+    def _columns(self, shares: ArrayLike, derivative: int) -> Array:
+        moments = np.asarray(shares, dtype=np.float64)
+        inside = np.clip(moments, 0.0, 1.0)
+        spline = BSpline(self._knots, np.eye(self._count), self.degree)
+        columns = np.array(spline(inside, derivative))
+        if derivative:
+            columns[inside != moments] = 0.0
+        return columns
+
+
+@dataclass(frozen=True)
+class Waypoints:
+    """Places that a tip must pass on the way.
+
+    Attributes
+    ----------
+    frame : str
+    postures : (w, driven) array
+        Of the undeformed robot.
+    radius : float
+        m: how far the tip may be from where the undeformed robot's is in the posture.
+    """
+
+    frame: str
+    postures: Array
+    radius: float
+
+
+@dataclass(frozen=True)
+class RestMotion:
+    """A motion between two postures after which nothing rings.
+
+    Attributes
+    ----------
+    duration : float
+        s.
+    t : (k,) array
+        s, in equal steps from 0.
+    states : Driven
+        All coordinates (k, n), their rates, and the joints' accelerations between.
+    left : float
+        Share of the plain motion's swing that is left.
+    """
+
+    duration: float
+    t: Array
+    states: Driven
+    left: float
+    basis: RestBasis
+    coefficients: Array  # (free, driven)
+    start: Array  # (driven,)
+    end: Array
+    driven: DrivenJoints
+
+    def joints(self, times: ArrayLike, derivative: int = 0) -> Array:
+        """Return the joints' motion (k, joints), or a derivative of it, held outside."""
+        shares = np.asarray(times) / self.duration
+        rows = self.basis.design(shares, derivative) @ self.coefficients
+        rows += self.basis.fixed(self.start, self.end, shares, derivative)
+        return self.driven.all(rows / self.duration**derivative, derivative)
+
+
+@dataclass(frozen=True)
+class TimedRest:
+    """A motion with coefficients, at rest at its end (see :class:`RestProblem`)."""
+
+    coefficients: Array
+    duration: float
+    cost: float
+    shares: Array
+    at: Moments
+    motion: Driven
+    errors: tuple[Array, ...]  # that rings at the end, of each robot
+    change: list[_Change] = field(default_factory=list)  # once it was asked for
+
+
+@dataclass(frozen=True)
+class _Change:
+    """Derivatives of a motion by its coefficients.
+
+    Attributes
+    ----------
+    errors : arrays (m, p)
+        Of each robot's residual vibration.
+    states : (k, 2 free, p) array
+        Of the free coordinates and their rates at the ends of steps.
+    back : (p, m) array
+        The smoothest change of coefficients for a residual vibration.
+    """
+
+    errors: tuple[Array, ...]
+    states: Array
+    back: Array
+
+
+@dataclass(frozen=True)
+class RestCost:
+    """Jerk and swing with other frequencies of a motion that rests (see :class:`Objective`)."""
+
+    here: TimedRest
+    problem: RestProblem
+
+    def part(self, c: Array, unit: float) -> Part:
+        """Return its part of a program; it has no unknowns of its own."""
+        problem, here = self.problem, self.here
+        scale, least, most = problem.region(c)
+        hessian, gradient = problem.curvature(here)
+        own = problem.change(here).errors[0]
+        size = np.linalg.norm(own * scale, axis=1)
+        return Part(
+            scale,
+            least,
+            most,
+            gradient * scale / unit,
+            hessian * scale * scale[:, None] / unit,
+            here.cost / unit,
+            sparse.csr_array(own * scale / size[:, None]),
+            -here.errors[0] / size,
+            [clarabel.ZeroConeT(len(size))],
+            0.0 if problem.gentle else ROOM,
+        )
+
+
+class RestProblem:
+    """Motions in a duration that end at rest (see :class:`MinimumTimeProblem`).
+
+    Coefficients are those of the splines, joint by joint, at which share of the duration each
+    waypoint is passed, and the duration, which no program changes: the phases of fast modes turn
+    with it, while in one duration a motion is nearly linear. Every solution is at rest at its end.
+
+    Parameters
+    ----------
+    robots : list of Robot
+        The robot itself, and those with other frequencies that should rest as well.
+    driven : DrivenJoints
+    postures : pair of (driven,) arrays
+    rows : LimitRows
+    basis : RestBasis
+    gentle : bool
+        Whether the cost is the jerk; else the least share of the limits in the duration.
+    modes, waypoints, check
+        As of :func:`rest_to_rest`.
+    scale : (driven,) array
+        Of the joints' jerks.
+
+    Attributes
+    ----------
+    longer : bool
+        Whether a motion that needs too much of its limits becomes slower; else there is none.
+    """
+
+    def __init__(
+        self,
+        robots: list[Robot],
+        driven: DrivenJoints,
+        postures: tuple[Array, Array],
+        rows: LimitRows,
+        basis: RestBasis,
+        gentle: bool,
+        modes: int | None,
+        scale: Array,
+        waypoints: Waypoints | None,
+        check: Callable[[], None],
+    ) -> None:
+        self.robot, self.driven, self.postures = robots[0], driven, postures
+        self.rows, self.basis, self.gentle = rows, basis, gentle
+        self.waypoints, self._check = waypoints, check
+        self.to_plan: Callable[[RestMotion], Plan]
+        first, last = (driven.all(each) for each in postures)
+        self.swings = [EndSwing(each, first, last, modes) for each in robots]
+        self.fastest = float(ringing_modes(self.robot, last, modes).frequencies.max())
+        self._all = fastest_mode(self.robot, last, self.fastest)
+        count = 0 if waypoints is None else len(waypoints.postures)
+        self.names = rows.names + tuple(
+            f'waypoint {k + 1}' for k in range(count) for _ in range(3)
+        )
+        self.price, self.steady = (FIRM, STEADY) if gentle else (1.0, STEADY)
+        self._splines = basis.free * len(postures[0])
+        self._count = self._splines + count + 1
+        self._way = self._lengths()
+        self._hessian, self._gradient, self._constant = self._jerk(scale)
+        eye = np.eye(self._splines)
+        even = self._hessian + 1e-13 * float(np.trace(self._hessian)) / self._splines * eye
+        self._smooth = scipy.linalg.cho_factor(even)
+        self._plain_jerk = max(self.jerk(self.plain(1.0)), 1e-12)
+        self._goals = self._places()
+        self.longer = not gentle
+        self.size = self.swing = 1.0
+
+    def refine(self, duration: float, fine: int) -> None:
+        """Take steps for a duration [s]: coarse (0) or fine (1) ones."""
+        each, self._look = self.basis.moments(fine)
+        nodes = each * self.basis.segments
+        rests, every = (each[fine] for each in STEPS_PER_PERIOD)
+        # splines excite modes little that are faster than their segments
+        excited = min(self._all * duration, self.basis.segments)
+        steps = max(STEPS, rests * self.fastest * duration, every * excited)
+        self._every = int(np.ceil(steps / nodes))
+        self.count = nodes * self._every
+        self.shares = np.linspace(0.0, 1.0, self.count + 1)
+        self._nodes = np.rint(self._look * self.count).astype(np.int64)
+        middle = 0.5 * (self.shares[1:] + self.shares[:-1])
+        # of positions, rates and accelerations: at the ends of steps, in their middle, at moments
+        self._at_ends, self._between, self._at_moments = (
+            [
+                (self.basis.design(shares, k), self.basis.fixed(*self.postures, shares, k))
+                for k in range(3)
+            ]
+            for shares in (self.shares, middle, self._look)
+        )
+        sizes = [
+            float(np.linalg.norm(self.run(self.plain(share * duration)).errors[0]))
+            for share in FASTER
+        ]
+        self.size, self.swing = max(sizes[0], 1e-9), max(*sizes, 1e-9)
+
+    def _lengths(self) -> Array:
+        """Return how far each joint goes [rad, m], at least a tenth of the farthest."""
+        between = () if self.waypoints is None else self.waypoints.postures
+        way = np.ptp(np.array([*self.postures, *between]), axis=0)
+        return np.asarray(np.maximum(way, max(0.1 * float(way.max()), STANDS)))
+
+    def _jerk(self, scale: Array) -> tuple[Array, Array, float]:
+        """Return H, g and c of x.H x / 2 + g.x + c: half the mean square of the jerk, scaled.
+
+        By differences of the accelerations, which may jump.
+        """
+        count = PARTS * self.basis.segments
+        shares = (np.arange(count) + 0.5) / count
+        still = np.zeros((1, 1))
+
+        def slopes(rows: Array) -> Array:
+            rest = np.repeat(still, rows.shape[1], axis=1)
+            steps = np.diff(rows, axis=0, prepend=rest, append=rest)
+            return np.asarray(np.sqrt(count) * steps)
+
+        design = np.kron(np.diag(1.0 / scale), slopes(self.basis.design(shares, 2)))
+        fixed = slopes(self.basis.fixed(*self.postures, shares, 2)) / scale
+        right = fixed.T.ravel()
+        return design.T @ design, design.T @ right, 0.5 * float(right @ right)
+
+    def _places(self) -> Array:
+        """Return where the undeformed robot's tip is at the waypoints (w, 3)."""
+        if self.waypoints is None:
+            return np.zeros((0, 3))
+        q = np.zeros((len(self.waypoints.postures), self.robot.n))
+        q[:, self.robot.joint_indices] = self.driven.all(self.waypoints.postures)
+        return np.asarray(self.robot.frame_pose(self.waypoints.frame, q)[:, :3, 3])
+
+    def plain(self, duration: float) -> Array:
+        """Return the coefficients of the least jerk through the waypoints."""
+        passed = self._passing()
+        rows: Array = np.zeros((0, self._splines))
+        right: Array = np.zeros(0)
+        if self.waypoints is not None:
+            off = self.waypoints.postures - self.basis.fixed(*self.postures, passed)
+            rows = np.asarray(
+                np.kron(np.eye(len(self._way)), self.basis.design(passed)), dtype=np.float64
+            )
+            right = off.T.ravel()
+        free = np.zeros(self._splines)
+        for _ in range(3):  # the factored matrix is only near the Hessian
+            free -= scipy.linalg.cho_solve(self._smooth, self._hessian @ free + self._gradient)
+        if len(right):
+            back = scipy.linalg.cho_solve(self._smooth, rows.T)
+            free = free + back @ np.linalg.lstsq(rows @ back, right - rows @ free)[0]
+        return np.concatenate([free, passed, [duration]])
+
+    def _passing(self) -> Array:
+        """Return at which shares of the duration waypoints are passed, by the way between."""
+        if self.waypoints is None:
+            return np.zeros(0)
+        points = np.vstack([self.postures[0], self.waypoints.postures, self.postures[1]])
+        way = np.cumsum(np.linalg.norm(np.diff(points, axis=0) / self._way, axis=1))
+        even = np.linspace(0.0, 1.0, 201)
+        passed = even - np.sin(2.0 * np.pi * even) / (2.0 * np.pi)
+        share = way[:-1] / max(float(way[-1]), STANDS)
+        return np.interp(np.clip(share, 0.05, 0.95), passed, even)
+
+    def jerk(self, x: Array) -> float:
+        """Half the mean square of the jerk over the duration's cube, scaled."""
+        c = x[: self._splines]
+        return self._constant + float(0.5 * c @ self._hessian @ c + self._gradient @ c)
+
+    def _prices(self) -> tuple[float, float]:
+        """Return the prices of a jerk, and of a swing's square."""
+        if self.gentle:
+            return 1.0 / self._plain_jerk, ROBUSTNESS / self.swing**2
+        return SMOOTH[self.basis.jumps] / self._plain_jerk, 0.0
+
+    def _cost(self, x: Array, errors: tuple[Array, ...]) -> float:
+        smooth, quiet = self._prices()
+        rung = sum(float(error @ error) for error in errors[1:])
+        return float(not self.gentle) + smooth * self.jerk(x) + quiet * rung
+
+    def curvature(self, here: TimedRest) -> tuple[Array, Array]:
+        """Return the cost's second and first derivatives by the coefficients."""
+        smooth, quiet = self._prices()
+        p, n = self._splines, self._count
+        hessian, gradient = np.zeros((n, n)), np.zeros(n)
+        hessian[:p, :p] = smooth * self._hessian
+        gradient[:p] = smooth * (self._hessian @ here.coefficients[:p] + self._gradient)
+        pairs = zip(here.errors[1:], self.change(here).errors[1:], strict=True)
+        for error, by in pairs:
+            hessian += 2.0 * quiet * by.T @ by
+            gradient += 2.0 * quiet * by.T @ error
+        return hessian, gradient
+
+    def region(self, x: Array) -> tuple[Array, Array, Array]:
+        """Return scales of coefficients, and bounds of their changes over these."""
+        passed = x[self._splines : -1]
+        scale = np.concatenate([
+            np.repeat(STEP_OF_JOINTS * self._way, self.basis.free),
+            np.full(len(passed), STEP_OF_PASSING),
+            [1.0],
+        ])  # fmt: skip
+        least, most = np.full((2, len(x)), np.inf)
+        least[-1] = most[-1] = 0.0
+        gaps = np.diff(np.concatenate([[0.0], passed, [1.0]]))
+        least[self._splines : -1] = 0.4 * gaps[:-1] / STEP_OF_PASSING
+        most[self._splines : -1] = 0.4 * gaps[1:] / STEP_OF_PASSING
+        return scale, -least, most
+
+    def shares_at(self, found: TimedRest, here: TimedRest) -> Array:
+        """Return the shares (k, r) of a motion: its rows are at the same shares of time."""
+        return found.shares
+
+    def program(self, solution: TimedRest) -> RestCost:
+        """Return the cost as a function of the coefficients."""
+        return RestCost(solution, self)
+
+    def slower(self, coefficients: Array, factor: float) -> Array:
+        """Take more time for the same motion."""
+        if not self.longer:
+            raise self.failure(coefficients[-1], 'limits are passed')
+        return self.lasting(coefficients, factor * coefficients[-1])
+
+    def lasting(self, coefficients: Array, duration: float) -> Array:
+        """Return the coefficients with another duration [s]."""
+        other: Array = np.array(coefficients)
+        other[-1] = duration
+        return other
+
+    def near(self, other: RestProblem, x: Array) -> Array:
+        """Return the coefficients of the motion of a problem with other splines."""
+        shares = np.linspace(0.0, 1.0, 4 * self.basis.segments + 1)[1:-1]
+        rows = other.basis.design(shares) @ other.shaped(x)
+        rows += other.basis.fixed(*self.postures, shares)
+        wanted = rows - self.basis.fixed(*self.postures, shares)
+        found = np.linalg.lstsq(self.basis.design(shares), wanted)[0]
+        return np.concatenate([found.T.ravel(), x[other._splines :]])
+
+    def shaped(self, x: Array) -> Array:
+        """Return the splines' coefficients (free, driven)."""
+        return np.asarray(x[: self._splines].reshape(len(self._way), -1).T)
+
+    def run(self, x: Array) -> TimedRest:
+        """Return the motion with coefficients, whatever rings at its end."""
+        self._check()
+        duration, c = float(x[-1]), self.shaped(x)
+
+        def joints(places: list[tuple[Array, Array]], order: int) -> Array:
+            design, fixed = places[order]
+            return self.driven.all((design @ c + fixed) / duration**order, order)
+
+        q, qd = (joints(self._at_ends, order) for order in range(2))
+        between = joints(self._between, 2)
+        step = duration / self.count
+        motions = [swing.run(step, q, qd, between) for swing in self.swings]
+        errors = tuple(
+            swing.error(motion) for swing, motion in zip(self.swings, motions, strict=True)
+        )
+        own = motions[0]
+        at = self._moments(own.q[self._nodes], own.qd[self._nodes], joints(self._at_moments, 2))
+        shares = self.rows.values(at, step * self._every)
+        shares = shares * self.rows.narrowed(self._look)
+        passed = np.zeros((len(shares), 3 * len(self._goals)))
+        if len(self._goals):
+            passed[0], _ = self._passed(x, own)
+        return TimedRest(
+            x,
+            duration,
+            self._cost(x, errors),
+            np.hstack([shares, passed]),
+            at,
+            own,
+            errors,
+        )
+
+    def _moments(self, q: Array, qd: Array, given: Array) -> Moments:
+        robot = self.robot
+        q, qd = np.ascontiguousarray(q), np.ascontiguousarray(qd)
+        force, free = robot.hybrid_dynamics(q, qd, given)
+        qdd = np.zeros_like(q)
+        qdd[:, robot.joint_indices], qdd[:, robot.free_indices] = given, free
+        return Moments(q, qd, qdd, self.driven.torque(force))
+
+    def _passed(self, x: Array, motion: Driven) -> tuple[Array, Array]:
+        """Return how far tips are from the waypoints over the radius (3 w,), and by q (3 w, n).
+
+        Of each waypoint in two directions across, where it is 0, and along: so a step sees the
+        whole of its way past a waypoint.
+        """
+        assert self.waypoints is not None
+        q = self._interpolated(motion.q, x[self._splines : -1])
+        frame = self.waypoints.frame
+        off = self.robot.frame_pose(frame, q)[:, :3, 3] - self._goals
+        directions = np.linalg.svd(off[:, None])[2][:, ::-1]  # the last one is along
+        size = np.einsum('wdc,wc->wd', directions, off)
+        gain = np.einsum('wdc,wcn->wdn', directions, self.robot.frame_jacobian(frame, q)[:, :3])
+        radius = self.waypoints.radius
+        return size.ravel() / radius, gain.reshape(-1, self.robot.n) / radius
+
+    def _interpolated(self, rows: Array, shares: Array) -> Array:
+        """Return rows (k, ...) at shares (w,) of the duration, linear between steps."""
+        at = np.clip(shares, 0.0, 1.0) * self.count
+        low = np.minimum(at.astype(np.int64), self.count - 1)
+        part = (at - low).reshape(-1, *np.ones(rows.ndim - 1, dtype=np.int64))
+        return np.ascontiguousarray((1.0 - part) * rows[low] + part * rows[low + 1])
+
+    def solve(self, coefficients: Array, near: tuple[TimedRest, Array] | None) -> TimedRest:
+        """Return the motion with coefficients (p,) that is at rest at its end."""
+        if near is None:
+            found, back = self.run(coefficients), None
+        else:
+            old, change = near
+            found, back = self.run(old.coefficients + change), self.change(old).back
+        left = np.inf
+        for _ in range(NEWTON):
+            before, left = left, self.left(found)
+            if left <= EXACT or (back is None and left > before):
+                break
+            if back is not None and left > SLOWLY * before:
+                back = None
+            step = self.change(found).back if back is None else back
+            found = self.run(found.coefficients - step @ found.errors[0])
+        left = self.left(found)
+        if not left <= QUIET:
+            raise self.failure(found.duration, f'{100.0 * left:.3g} % of the swing is left')
+        return found
+
+    def left(self, solution: TimedRest) -> float:
+        """Residual vibration as a share of the plain motion's."""
+        return float(np.linalg.norm(solution.errors[0])) / self.size
+
+    def failure(self, duration: float, why: str) -> SolverError:
+        """Return the error of a motion that was not found."""
+        return SolverError(
+            f'{self.robot.tree.name}: rest to rest in {duration:.4g} s must be possible, got '
+            f'none: {why}'
+        )
+
+    def change(self, here: TimedRest) -> _Change:
+        """Return the derivatives of a motion, kept with it."""
+        if not here.change:
+            here.change.append(self._changed(here))
+        return here.change[0]
+
+    def _changed(self, here: TimedRest) -> _Change:
+        motion, step = here.motion, here.duration / self.count
+        joints = self.robot.joint_indices
+        drives = self._drives(self._between, here.duration)
+        error, states = self.swings[0].change(step, motion, drives)
+        errors = [error]
+        q, qd = motion.q[:, joints], motion.qd[:, joints]
+        for swing in self.swings[1:]:
+            other = swing.run(step, q, qd, motion.qdd_joints)
+            errors.append(swing.change(step, other, drives)[0])
+        by = error[:, : self._splines]
+        towards = scipy.linalg.cho_solve(self._smooth, by.T)
+        back = np.zeros((self._count, len(by)))
+        back[: self._splines] = towards @ np.linalg.pinv(by @ towards, rcond=1e-10, hermitian=True)
+        return _Change(tuple(errors), states, back)
+
+    def _drives(
+        self, places: list[tuple[Array, Array]], duration: float
+    ) -> tuple[Array, Array, Array]:
+        """Return how positions, rates and accelerations of all joints (k, joints, p) change."""
+        drives = []
+        for order, (design, _) in enumerate(places):
+            whole = np.zeros((len(design), len(self.driven.ties), self._count))
+            whole[:, :, : self._splines] = np.einsum(
+                'ji,kf->kjif', self.driven.ties, design / duration**order
+            ).reshape(len(design), len(self.driven.ties), -1)
+            drives.append(whole)
+        return drives[0], drives[1], drives[2]
+
+    def jacobian(self, solution: TimedRest) -> Array:
+        """Return the derivatives (k r, p) of the shares, row by row."""
+        by = self.change(solution)
+        robot, p, step = self.robot, self._splines, solution.duration / self.count
+        drives = self._drives(self._at_moments, solution.duration)
+        moments = moments_change(robot, solution.at, drives, by.states[self._nodes])
+        moments = moments._replace(torque=self.driven.ties.T @ moments.torque)
+        rows = self.rows.changes(solution.at, step * self._every, moments)
+        rows *= self.rows.narrowed(self._look)[:, :, None]
+        passed = np.zeros((len(rows), 3 * len(self._goals), self._count))
+        if len(self._goals):
+            _, gain = self._passed(solution.coefficients, solution.motion)
+            at = solution.coefficients[p:-1]
+            dq = np.zeros((len(at), robot.n, self._count))
+            free = robot.free_indices
+            dq[:, free] = self._interpolated(by.states[:, : len(free)], at)
+            designs = np.einsum('ji,wf->wjif', self.driven.ties, self.basis.design(at))
+            dq[:, robot.joint_indices, :p] = designs.reshape(len(at), -1, p)
+            dq = np.repeat(dq, 3, axis=0)
+            changes = np.einsum('wn,wnp->wp', gain, dq)
+            pace = solution.duration * self._interpolated(solution.motion.qd, at)
+            w = np.arange(3 * len(at))
+            changes[w, p + w // 3] += np.einsum('wn,wn->w', gain, np.repeat(pace, 3, axis=0))
+            passed[0] = changes
+        return np.concatenate([rows, passed], axis=1).reshape(-1, self._count)
+
+    def motion(self, found: TimedRest) -> RestMotion:
+        """Return a motion that was found."""
+        times, shaped = self.shares * found.duration, self.shaped(found.coefficients)
+        return RestMotion(
+            found.duration,
+            times,
+            found.motion,
+            self.left(found),
+            self.basis,
+            shaped,
+            *self.postures,
+            self.driven,
+        )
+
+    def look(self, found: TimedRest) -> tuple[Array, Array]:
+        """Return the ends of all steps, as shares (k,) of the duration, and the limits' there."""
+        duration = found.duration
+        design, fixed = self._at_ends[2]
+        given = (design @ self.shaped(found.coefficients) + fixed) / duration**2
+        at = self._moments(found.motion.q, found.motion.qd, self.driven.all(given, 2))
+        return self.shares, self.rows.values(at, duration / self.count)
+
+    def plan(self, found: TimedRest) -> Plan:
+        """Return the plan of a motion, in finer steps."""
+        return self.to_plan(self.motion(found))
+
+    def places(self, plan: Plan) -> Array:
+        """Return the places along the motion (k,), 0 to 1, of a plan's rows."""
+        return np.asarray((plan.t - plan.t[0]) / (plan.t[-1] - plan.t[0]))
+
+
+# of limits that LimitRows takes by differences in time, their order
+DIFFERENCES = {'jerk': 1, 'effort_rate': 1, 'tip_speed': 1, 'tip_acceleration': 2}
