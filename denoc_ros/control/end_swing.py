@@ -72,6 +72,12 @@ def follow_joints(stepper: Stepper, start: Array, q: Array, qd: Array, between: 
     return Driven(states, rates, between)
 
 
+def _exponentials(small: Array) -> Array:
+    """Return the exponentials of matrices (k, m, m) of steps that resolve the modes (Pade)."""
+    even = np.eye(small.shape[-1]) + small @ small / 12.0
+    return np.asarray(np.linalg.solve(even - 0.5 * small, even + 0.5 * small))
+
+
 class EndSwing:
     """The modes that still ring when the joints have arrived.
 
@@ -158,7 +164,7 @@ class EndSwing:
         system[:, :m, m:] = np.eye(m)
         system[:, m:, :m] = of.dqdd_dq[:, :, free]
         system[:, m:, m:] = of.dqdd_dqd[:, :, free]
-        halves = scipy.linalg.expm(0.5 * step * system)
+        halves = _exponentials(0.5 * step * system)
         gains = of.dqdd_dq[:, :, joints], of.dqdd_dqd[:, :, joints], of.dqdd_dqdd
         pushed = np.zeros((k, 2 * m, p))
         pushed[:, m:] = gains[0] @ drives[0] + gains[1] @ drives[1] + gains[2] @ drives[2]

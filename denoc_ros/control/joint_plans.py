@@ -184,7 +184,8 @@ def rest_motion(
         def rows(at: Array, derivative: int = 0) -> Array:
             return motion.joints(at - start, derivative)
 
-        return _plan('rest_to_rest', robot, rows, (start, start + motion.duration), options)
+        window = start, start + motion.duration
+        return _plan('rest_to_rest', robot, rows, window, options, parts=motion.basis.rows)
 
     stopped = options.cancel if fastest and options.cancel is not None else (lambda: False)
     progress = options.progress or (lambda _share: None)
@@ -251,12 +252,17 @@ def _plan(
     window: tuple[float, float],
     options: ShaperOptions,
     table: ModeTable | None = None,
+    parts: int = 1,
 ) -> Plan:
-    """Return the plan of all coordinates while the joints do a motion, from rest."""
+    """Return the plan of all coordinates while the joints do a motion, from rest.
+
+    In steps that are equal shares of as many equal parts.
+    """
     if not (np.isfinite(options.output_step) and options.output_step > 0.0):
         raise StateError(f'shape_motion: output_step must be > 0 s, got {options.output_step}')
-    count = max(2, int(np.ceil((window[1] - window[0]) / options.output_step - 1e-9)) + 1)
-    return _simulated(method, robot, motion, np.linspace(*window, count), options.modes, table)
+    steps = np.ceil((window[1] - window[0]) / (parts * options.output_step) - 1e-9)
+    t = np.linspace(*window, parts * max(1, int(steps)) + 1)
+    return _simulated(method, robot, motion, t, options.modes, table)
 
 
 def _simulated(

@@ -24,8 +24,7 @@ from denoc_ros.types import Array
 
 PER_SEGMENT = {3: 2, 5: 6}  # moments at which limits are looked at, by the splines' degree
 MOMENTS = 1, 160  # of all, at least: with coarse steps and with fine ones
-WITH_JUMPS = 4
-BESIDE = 1e-9  # of the duration: how near to a jump its sides are
+RAMPS = 8  # of a segment: shares at which accelerations nearly jump
 STEPS = 200  # of the simulated motion, at least
 # of the fastest mode that rests, and of the fastest of all: while unknowns are few, and after
 STEPS_PER_PERIOD = (20.0, 60.0), (10.0, 40.0)
@@ -55,37 +54,37 @@ class RestBasis:
     degree, ends : int
         Of the splines, and how many coefficients are fixed at each end: of degree 5 with 4
         position, velocity, acceleration and jerk; of degree 3 with 3 all but the jerk.
-    jumps : bool
-        Whether accelerations may jump between segments, and at both ends: of degree 3 with 2.
+    steep : bool
+        Whether each segment begins with a ramp, an eighth of it, from which the spline may bend;
+        the last one ends with one too. So accelerations of degree 3 nearly jump.
 
     Attributes
     ----------
     free : int
         Coefficients of each joint that are free.
+    rows : int
+        Equal parts of the duration at whose ends all knots are.
     """
 
-    def __init__(self, segments: int, degree: int = 5, ends: int = 4, jumps: bool = False) -> None:
-        self.segments, self.jumps = segments, jumps
+    def __init__(self, segments: int, degree: int = 5, ends: int = 4, steep: bool = False) -> None:
+        self.segments, self.steep = segments, steep
         self.degree, self._ends = degree, ends
-        inner = np.repeat(np.linspace(0.0, 1.0, segments + 1)[1:-1], 2 if jumps else 1)
-        self._knots = np.concatenate((np.zeros(degree + 1), inner, np.ones(degree + 1)))
+        self.rows = RAMPS * segments if steep else segments
+        at = np.arange(1, self.rows)
+        inner = at[(at % RAMPS <= 1) | (at == self.rows - 1)] if steep else at
+        self._knots = np.concatenate((
+            np.zeros(degree + 1),
+            inner / self.rows,
+            np.ones(degree + 1),
+        ))  # fmt: skip
         self._count = len(inner) + degree + 1
         self.free = self._count - 2 * ends
 
     def moments(self, fine: int) -> tuple[int, Array]:
-        """Return nodes for each segment, and the shares at which limits are looked at.
-
-        On both sides of jumps.
-        """
-        nodes = WITH_JUMPS if self.jumps else PER_SEGMENT[self.degree]
-        nodes = max(nodes, -(-MOMENTS[fine] // self.segments))
-        shares = np.linspace(0.0, 1.0, nodes * self.segments + 1)
-        if self.jumps:
-            sides = np.repeat(shares, 2)[1:-1].reshape(-1, 2)
-            sides[0::nodes, 0] += BESIDE
-            sides[nodes - 1 :: nodes, 1] -= BESIDE
-            shares = np.unique(sides)
-        return nodes, shares
+        """Return nodes for each segment, and the shares at which limits are looked at."""
+        nodes = RAMPS if self.steep else PER_SEGMENT[self.degree]
+        nodes *= max(1, -(-MOMENTS[fine] // (nodes * self.segments)))
+        return nodes, np.linspace(0.0, 1.0, nodes * self.segments + 1)
 
     def design(self, shares: ArrayLike, derivative: int = 0) -> Array:
         """Basis functions of the free coefficients at shares (k,) of the duration: (k, free)."""
@@ -386,7 +385,7 @@ class RestProblem:
         """Return the prices of a jerk, and of a swing's square."""
         if self.gentle:
             return 1.0 / self._plain_jerk, ROBUSTNESS / self.swing**2
-        return SMOOTH[self.basis.jumps] / self._plain_jerk, 0.0
+        return SMOOTH[self.basis.steep] / self._plain_jerk, 0.0
 
     def _cost(self, x: Array, errors: tuple[Array, ...]) -> float:
         smooth, quiet = self._prices()
@@ -443,7 +442,7 @@ class RestProblem:
 
     def near(self, other: RestProblem, x: Array) -> Array:
         """Return the coefficients of the motion of a problem with other splines."""
-        shares = np.linspace(0.0, 1.0, 4 * self.basis.segments + 1)[1:-1]
+        shares = np.linspace(0.0, 1.0, RAMPS * self.basis.segments + 1)[1:-1]
         rows = other.basis.design(shares) @ other.shaped(x)
         rows += other.basis.fixed(*self.postures, shares)
         wanted = rows - self.basis.fixed(*self.postures, shares)

@@ -232,8 +232,8 @@ class RestSearch:
         found = quickest(
             rough, first, lambda share: progress(0.4 * share), stopped, DURATIONS, ROUGH
         )
-        jumps = self._may_jump(found.solution.duration / segments)
-        basis = RestBasis(segments, 3, 2, jumps=True) if jumps else RestBasis(2 * segments, 3, 3)
+        steep = self._may_jump(found.solution.duration / segments)
+        basis = RestBasis(segments if steep else 2 * segments, 3, 3, steep)
         problem = self._problem(basis, False)
         problem.refine(found.solution.duration, 1)
         start = problem.near(rough, found.coefficients)
