@@ -20,7 +20,7 @@ from denoc_ros.control.plan import Plan
 from denoc_ros.control.ringing import fastest_mode, ringing_modes
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import SolverError
-from denoc_ros.types import Array
+from denoc_ros.types import Array, IntArray
 
 PER_SEGMENT = {3: 2, 5: 6}  # moments at which limits are looked at, by the splines' degree
 MOMENTS = 1, 160  # of all, at least: with coarse steps and with fine ones
@@ -41,7 +41,7 @@ FIRM, STEADY = 200.0, 1e-4  # price of a share beyond a limit, and least share o
 ROOM = 0.9  # share of the limits that the shortest motion may leave free in a duration
 FASTER = 1.0, 0.9, 0.8, 0.7  # plain motions of which the largest swing is that scale
 PARTS = 16  # of a segment, over which jerks are means
-STEP_OF_JOINTS, STEP_OF_PASSING = 0.3, 0.1  # scales of a trust region
+STEP_OF_JOINTS = 0.3  # scale of a trust region
 
 
 class RestBasis:
@@ -223,9 +223,9 @@ class RestCost:
 class RestProblem:
     """Motions in a duration that end at rest (see :class:`MinimumTimeProblem`).
 
-    Coefficients are those of the splines, joint by joint, at which share of the duration each
-    waypoint is passed, and the duration, which no program changes: the phases of fast modes turn
-    with it, while in one duration a motion is nearly linear. Every solution is at rest at its end.
+    Coefficients are those of the splines, joint by joint, and the duration, which no program
+    changes: the phases of fast modes turn with it, while in one duration a motion is nearly
+    linear. Every solution is at rest at its end. Waypoints are passed where the tip is nearest.
 
     Parameters
     ----------
@@ -275,7 +275,7 @@ class RestProblem:
         )
         self.price, self.steady = (FIRM, STEADY) if gentle else (1.0, STEADY)
         self._splines = basis.free * len(postures[0])
-        self._count = self._splines + count + 1
+        self._count = self._splines + 1
         self._way = self._lengths()
         self._hessian, self._gradient, self._constant = self._jerk(scale)
         eye = np.eye(self._splines)
@@ -363,7 +363,7 @@ class RestProblem:
         if len(right):
             back = scipy.linalg.cho_solve(self._smooth, rows.T)
             free = free + back @ np.linalg.lstsq(rows @ back, right - rows @ free)[0]
-        return np.concatenate([free, passed, [duration]])
+        return np.append(free, duration)
 
     def _passing(self) -> Array:
         """Return at which shares of the duration waypoints are passed, by the way between."""
@@ -407,18 +407,10 @@ class RestProblem:
 
     def region(self, x: Array) -> tuple[Array, Array, Array]:
         """Return scales of coefficients, and bounds of their changes over these."""
-        passed = x[self._splines : -1]
-        scale = np.concatenate([
-            np.repeat(STEP_OF_JOINTS * self._way, self.basis.free),
-            np.full(len(passed), STEP_OF_PASSING),
-            [1.0],
-        ])  # fmt: skip
-        least, most = np.full((2, len(x)), np.inf)
-        least[-1] = most[-1] = 0.0
-        gaps = np.diff(np.concatenate([[0.0], passed, [1.0]]))
-        least[self._splines : -1] = 0.4 * gaps[:-1] / STEP_OF_PASSING
-        most[self._splines : -1] = 0.4 * gaps[1:] / STEP_OF_PASSING
-        return scale, -least, most
+        scale = np.append(np.repeat(STEP_OF_JOINTS * self._way, self.basis.free), 1.0)
+        most = np.full(len(x), np.inf)
+        most[-1] = 0.0
+        return scale, -most, most
 
     def shares_at(self, found: TimedRest, here: TimedRest) -> Array:
         """Return the shares (k, r) of a motion: its rows are at the same shares of time."""
@@ -475,7 +467,7 @@ class RestProblem:
         shares = shares * self.rows.narrowed(self._look)
         passed = np.zeros((len(shares), 3 * len(self._goals)))
         if len(self._goals):
-            passed[0], _ = self._passed(x, own)
+            passed[0] = self._passed(own)[0]
         return TimedRest(
             x,
             duration,
@@ -494,28 +486,22 @@ class RestProblem:
         qdd[:, robot.joint_indices], qdd[:, robot.free_indices] = given, free
         return Moments(q, qd, qdd, self.driven.torque(force))
 
-    def _passed(self, x: Array, motion: Driven) -> tuple[Array, Array]:
+    def _passed(self, motion: Driven) -> tuple[Array, Array, IntArray]:
         """Return how far tips are from the waypoints over the radius (3 w,), and by q (3 w, n).
 
-        Of each waypoint in two directions across, where it is 0, and along: so a step sees the
-        whole of its way past a waypoint.
+        And in which steps (w,). Of each waypoint in two directions across, where it is 0, and
+        along: so a step sees the whole of its way past a waypoint.
         """
         assert self.waypoints is not None
-        q = self._interpolated(motion.q, x[self._splines : -1])
-        frame = self.waypoints.frame
-        off = self.robot.frame_pose(frame, q)[:, :3, 3] - self._goals
+        frame, radius = self.waypoints.frame, self.waypoints.radius
+        apart = self.robot.frame_pose(frame, motion.q)[:, None, :3, 3] - self._goals
+        steps = _nearest(np.einsum('kwc,kwc->kw', apart, apart))
+        off = apart[steps, np.arange(len(steps))]
+        q = np.ascontiguousarray(motion.q[steps])
         directions = np.linalg.svd(off[:, None])[2][:, ::-1]  # the last one is along
         size = np.einsum('wdc,wc->wd', directions, off)
         gain = np.einsum('wdc,wcn->wdn', directions, self.robot.frame_jacobian(frame, q)[:, :3])
-        radius = self.waypoints.radius
-        return size.ravel() / radius, gain.reshape(-1, self.robot.n) / radius
-
-    def _interpolated(self, rows: Array, shares: Array) -> Array:
-        """Return rows (k, ...) at shares (w,) of the duration, linear between steps."""
-        at = np.clip(shares, 0.0, 1.0) * self.count
-        low = np.minimum(at.astype(np.int64), self.count - 1)
-        part = (at - low).reshape(-1, *np.ones(rows.ndim - 1, dtype=np.int64))
-        return np.ascontiguousarray((1.0 - part) * rows[low] + part * rows[low + 1])
+        return size.ravel() / radius, gain.reshape(-1, self.robot.n) / radius, steps
 
     def solve(self, coefficients: Array, near: tuple[TimedRest, Array] | None) -> TimedRest:
         """Return the motion with coefficients (p,) that is at rest at its end."""
@@ -595,19 +581,13 @@ class RestProblem:
         rows *= self.rows.narrowed(self._look)[:, :, None]
         passed = np.zeros((len(rows), 3 * len(self._goals), self._count))
         if len(self._goals):
-            _, gain = self._passed(solution.coefficients, solution.motion)
-            at = solution.coefficients[p:-1]
-            dq = np.zeros((len(at), robot.n, self._count))
+            _, gain, steps = self._passed(solution.motion)
+            dq = np.zeros((len(steps), robot.n, self._count))
             free = robot.free_indices
-            dq[:, free] = self._interpolated(by.states[:, : len(free)], at)
-            designs = np.einsum('ji,wf->wjif', self.driven.ties, self.basis.design(at))
-            dq[:, robot.joint_indices, :p] = designs.reshape(len(at), -1, p)
-            dq = np.repeat(dq, 3, axis=0)
-            changes = np.einsum('wn,wnp->wp', gain, dq)
-            pace = solution.duration * self._interpolated(solution.motion.qd, at)
-            w = np.arange(3 * len(at))
-            changes[w, p + w // 3] += np.einsum('wn,wn->w', gain, np.repeat(pace, 3, axis=0))
-            passed[0] = changes
+            dq[:, free] = by.states[steps, : len(free)]
+            designs = np.einsum('ji,wf->wjif', self.driven.ties, self._at_ends[0][0][steps])
+            dq[:, robot.joint_indices, :p] = designs.reshape(len(steps), -1, p)
+            passed[0] = np.einsum('wn,wnp->wp', gain, np.repeat(dq, 3, axis=0))
         return np.concatenate([rows, passed], axis=1).reshape(-1, self._count)
 
     def motion(self, found: TimedRest) -> RestMotion:
@@ -643,3 +623,20 @@ class RestProblem:
 
 # of limits that LimitRows takes by differences in time, their order
 DIFFERENCES = {'jerk': 1, 'effort_rate': 1, 'tip_speed': 1, 'tip_acceleration': 2}
+
+
+def _nearest(squares: Array) -> IntArray:
+    """Return at which rows the w places are passed, by squares of distances (k, w).
+
+    In their order, with the least sum.
+    """
+    sums = squares[:, 0]
+    below = []  # for each row the best one at or before it
+    for column in squares.T[1:]:
+        least = np.minimum.accumulate(sums)
+        below.append(np.maximum.accumulate(np.where(sums <= least, np.arange(len(sums)), 0)))
+        sums = column + least
+    rows = [int(sums.argmin())]
+    for before in below[::-1]:
+        rows.append(int(before[rows[-1]]))
+    return np.array(rows[::-1])

@@ -52,7 +52,9 @@ FAR, NARROW = 1.0, 0.01  # share beyond limits where no search ends, and the lea
 POWER, POWERS = 2.0, (0.5, 4.0)  # of the duration with which the share that is needed falls
 APART, BESIDE = 0.01, 0.04  # shares of a duration: two say with which power, or are one problem
 LEAP = 1.6  # times a duration that the next one is, at most
-RADIUS, NEARER, FASTER = 1.0, 0.5, 0.6  # of programs, what shrinks it, and by what excess falls
+RADIUS, NEARER = 1.0, 0.5  # of programs, and what shrinks it
+FASTER, SLOWER = 0.2, 0.6  # shares to which an excess falls where it grows, or else shrinks
+LESS, BOLD = 0.996, 0.3  # share of the limits that saves time, and excess at which it grows
 CLOSE, ROUGH = (3e-4, NEAR), (1e-2, 0.05)  # where a search ends: steps in time, shares beyond
 GUESSES = 12  # of a duration in which a motion keeps its limits
 STRETCHES, STRETCH = 30, 1.2  # of the plain motion, where no other is found
@@ -320,9 +322,11 @@ def quickest(
             radius *= NEARER
         else:
             if here is not None and abs(np.log(there.duration / last)) <= BESIDE:
-                better = excess(there) <= FASTER * excess(here) + NEAR
-                radius = min(radius / NEARER, RADIUS) if better else radius * NEARER
-                radius = max(radius, NARROW)
+                saves = most < LESS and excess(there) <= BOLD
+                if not saves and excess(there) > SLOWER * excess(here) + NEAR:
+                    radius = max(radius * NEARER, NARROW)
+                elif not hold and (saves or excess(there) <= FASTER * excess(here) + NEAR):
+                    radius = min(radius / NEARER, RADIUS)
             here, jacobian = there, problem.jacobian(there)
         objective, c = problem.program(here), here.coefficients
         step = program(objective, here, jacobian, c, radius, problem.price)

@@ -114,6 +114,23 @@ def test_limits_hold_on_the_flexible_motion_and_nothing_rings() -> None:
     assert swings[0] < 0.02 * swings[1]
 
 
+def test_the_plan_of_two_links_does_what_the_search_found() -> None:
+    robot = dn.load_robot('config/robots/two_link_ff.urdf', gravity=(0, 0, 0))
+    ends = np.array([[0.0, 0.0], [0.5, 0.5]])
+    plan = dn.shape_motion(robot, [0.0, 0.6], ends, 'rest_to_rest', time='minimum')
+    assert plan.limits is not None
+    assert plan.t[-1] <= 0.336  # 0.346 s with accelerations that are linear over its 120th
+    assert max(plan.limits.largest.values()) <= 1.001
+    t = np.linspace(0.0, plan.t[-1], 201)
+    plain = ends[0] + (ends[1] - ends[0]) * cycloid(t, t[-1])[:, None]
+    joints = robot.joint_indices
+    assert not plan.qd[[0, -1]][:, joints].any()
+    assert not plan.qdd[[0, -1]][:, joints].any()
+    # two of four modes rest by default: the others swing by little
+    left = swing_after(robot, plan.t, plan.q[:, joints], 'tool')
+    assert left < 0.05 * swing_after(robot, t, plain, 'tool')
+
+
 def test_margin_keeps_room_and_uncertainty_says_how_much_is_used() -> None:
     plan = ask(moment=1.5, uncertainty=0.2)
     assert plan.limits is not None
