@@ -322,10 +322,10 @@ def quickest(
             radius *= NEARER
         else:
             if here is not None and abs(np.log(there.duration / last)) <= BESIDE:
-                saves = most < LESS and excess(there) <= BOLD
+                saves = not hold and most < LESS and excess(there) <= BOLD
                 if not saves and excess(there) > SLOWER * excess(here) + NEAR:
                     radius = max(radius * NEARER, NARROW)
-                elif not hold and (saves or excess(there) <= FASTER * excess(here) + NEAR):
+                elif saves or (not hold and excess(there) <= FASTER * excess(here) + NEAR):
                     radius = min(radius / NEARER, RADIUS)
             here, jacobian = there, problem.jacobian(there)
         objective, c = problem.program(here), here.coefficients
