@@ -236,8 +236,10 @@ class RobotModel:
         self.coordinate_names = arrays.coordinate_names
         self.joint_indices = arrays.joint_indices
         self.base_indices = arrays.base_indices
-        self.free_indices = np.setdiff1d(np.arange(self.n), self.joint_indices)
-        self.flexible_indices = np.setdiff1d(self.free_indices, self.base_indices)
+        self.free_indices = np.delete(np.arange(self.n), self.joint_indices)
+        self.flexible_indices = np.delete(
+            np.arange(self.n), np.concatenate([self.joint_indices, self.base_indices])
+        )
         self._constants: Array = arrays.constants.copy()
         self._base: BaseMotion | None = None
         self._link_side: Array | None = None  # the constants of the robot without springs
