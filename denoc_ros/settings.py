@@ -190,9 +190,11 @@ def parameter(
     ----------
     name, text, unit, minimum, maximum, **more
         Of :class:`Parameter`.
-    default : value or type
-        A type where there is no default.
+    default : value, type or Kind
+        A type where there is no default; a kind of array where it is empty.
     """
+    if isinstance(default, Kind):
+        return Parameter(name, default, [], text, unit, minimum, maximum, **more)
     is_needed = isinstance(default, type)
     kind = more.pop('kind', None) or KINDS[default if is_needed else type(default)]
     known = None if is_needed else default
@@ -203,6 +205,11 @@ def setting(default: Any, *given: Any, **more: Any) -> Any:
     """Declare a field of a class of settings, by the arguments of :func:`parameter` or a row."""
     row = default if isinstance(default, Parameter) else parameter('', default, *given, **more)
     return field(default=MISSING if row.default is None else row.default, metadata={ROW: row})
+
+
+def positive(default: Any, *given: Any, **more: Any) -> Any:
+    """Declare a field whose value must be > 0 and finite."""
+    return setting(default, *given, positive=True, finite=True, **more)
 
 
 def declared(kind: type) -> dict[str, Parameter]:

@@ -15,7 +15,7 @@ from denoc_ros.bags.series import JointSeries
 from denoc_ros.bags.tables import UNITS, Table, read_table, time_column, unit_of_times
 from denoc_ros.bags.writer import BagWriter
 from denoc_ros.errors import BagError
-from denoc_ros.settings import setting
+from denoc_ros.settings import positive, setting
 from denoc_ros.types import Array
 
 SEPARATORS = './_ '  # between a joint's name and what of it a column holds
@@ -34,9 +34,7 @@ class TableTimes:
         choices=tuple(UNITS),
     )
     # 0: the table has times
-    rate: float = setting(
-        0.0, 'sample rate of a table without times', 'Hz', positive=True, finite=True
-    )
+    rate: float = positive(0.0, 'sample rate of a table without times', 'Hz')
 
 
 @dataclass(frozen=True, kw_only=True)

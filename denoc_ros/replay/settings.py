@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from denoc_ros.bags.joint_state import JOINT_STATE
-from denoc_ros.bags.reader import STAMP, BagContents, Stamp, bag_contents
+from denoc_ros.bags.reader import STAMP, BagContents, Stamp, bag_contents, require_stamp
 from denoc_ros.bags.series import (
     ODOMETRY,
     JointSeries,
@@ -22,7 +22,7 @@ from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import BagError, ConfigError, StateError
 from denoc_ros.estimation.joint_motion import METHODS
 from denoc_ros.replay.stream import Source
-from denoc_ros.settings import declared_findings, documented, setting
+from denoc_ros.settings import declared_findings, documented, positive, setting
 from denoc_ros.types import Array
 
 PREFIX = '/replay/'
@@ -48,6 +48,8 @@ class ReplaySettings:
     ------
     ConfigError
         With every value that is out of range.
+    BagError
+        For stamps that no bag has.
     """
 
     topic: str = setting(
@@ -63,7 +65,7 @@ class ReplaySettings:
         'method for velocities and accelerations: local polynomials, or a Kalman smoother',
         choices=METHODS,
     )
-    cutoff: float = setting(20.0, 'bandwidth of this method', 'Hz', positive=True, finite=True)
+    cutoff: float = positive(20.0, 'bandwidth of this method', 'Hz')
     stamp: Stamp = setting(STAMP)
     fit_friction: bool = setting(
         False,
@@ -77,6 +79,7 @@ class ReplaySettings:
     )
 
     def __post_init__(self) -> None:
+        require_stamp('replay', self.stamp)
         ConfigError.raise_any('replay', declared_findings(self))
 
 
