@@ -85,35 +85,19 @@ class ReplaySettings:
 
 @dataclass(frozen=True)
 class ReplayPlan:
-    """Settings of a replay that come from its bag.
+    """Settings of a replay that come from its bag."""
 
-    Attributes
-    ----------
-    contents : BagContents
-        All that is in the bag.
-    source : Source
-        What is read for the motion, and beside it.
-    joints : tuple of str
-        The driven joints, as the robot calls them.
-    ignored : tuple of str
-        Joints of the bag that are not driven: the robot does not have them, or they follow others.
-    posture : (n,) array
-        Coordinates of the robot as the bag has them first, else 0.
-    effort, commanded, base : str
-        Topics of the measured effort, of a feedforward's and of the base's motion; '' for none.
-    deflections : tuple of str
-        Topics with deflections to compare with.
-    """
-
-    contents: BagContents
-    source: Source
-    joints: tuple[str, ...]
+    contents: BagContents  # of the bag
+    source: Source  # messages that are read for the motion, and beside it
+    joints: tuple[str, ...]  # the driven ones, as the robot calls them
+    # joints of the bag that are not driven: the robot does not have them, or they follow others
     ignored: tuple[str, ...]
-    posture: Array
+    posture: Array  # (n,) coordinates of the robot as the bag has them first, else 0
+    # topics of the measured effort, and of a feedforward's; '' for none
     effort: str
     commanded: str
-    deflections: tuple[str, ...]
-    base: str = ''
+    deflections: tuple[str, ...]  # topics with deflections to compare with
+    base: str = ''  # topic of the base's motion; '' for none
 
     @property
     def messages(self) -> int:
