@@ -62,7 +62,6 @@ class TorqueFeedforward:
         rigid: the book's, links taken as rigid; flexible: the joints move as desired while the
         amplitudes move freely (hybrid dynamics, integrated alongside); quasi_static: the
         amplitudes stand in equilibrium with gravity.
-    terms : Terms
     step : float
         Longest step of the integration alongside [s].
     held : mapping of str to float, optional

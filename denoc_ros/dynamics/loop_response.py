@@ -160,7 +160,6 @@ def loop_response(
 
     Parameters
     ----------
-    robot : Robot
     q : (n,)
         In equilibrium, closed where there are loops.
     drive : joint name

@@ -67,8 +67,6 @@ def adapted_along(
         With the numbers as they are known.
     plan : ReplayPlan
         What of the bag counts.
-    settings : ReplaySettings
-    adapt : AdaptSettings
     base : BaseRecord, optional
         How the base moves, on the clock of the joint states.
 

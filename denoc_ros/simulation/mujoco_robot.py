@@ -51,8 +51,6 @@ class MujocoRobot:
         [s]; MuJoCo takes as many steps of its own as its chains need.
     start : (n,) array
         Where it starts, loops closed.
-    drives : Drives
-    settings : MujocoSettings
 
     Raises
     ------

@@ -85,7 +85,6 @@ class ModalRobot:
     step : float [s]
     start : (n,) array
         Where it starts, loops closed.
-    drives : Drives
     """
 
     def __init__(self, robot: Robot, step: float, start: Array, drives: Drives) -> None:
