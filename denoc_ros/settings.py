@@ -233,7 +233,7 @@ def documented(kind: type[Settings]) -> type[Settings]:
 
 
 def declared_findings(settings: Any, whose: str = '') -> list[str]:
-    """Return what is wrong with settings out of their range; their names stand behind `whose`."""
+    """Return the findings on settings out of their range; their names stand behind `whose`."""
     findings = []
     for name, row in declared(type(settings)).items():
         try:

@@ -76,7 +76,7 @@ def add_gravity(
 
 
 class _Checked(argparse.Action):
-    """Takes a value that a row accepts; what is wrong with another becomes a finding."""
+    """Takes a value of a row; one that the row refuses becomes a finding."""
 
     def __init__(self, *args: Any, row: Parameter, **more: Any) -> None:
         super().__init__(*args, **more)
