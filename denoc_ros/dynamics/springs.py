@@ -1,4 +1,4 @@
-"""Springs of elastic joints: their forces at a state, and s, s', s'' from the gears' output torque.
+"""Springs of elastic joints: forces at a state, and s, s', s'' from the gears' output torque.
 
 Force and torque balance at the gear, f(s) + d s' = -t, whatever the rotor does.
 """
