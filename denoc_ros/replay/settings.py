@@ -53,7 +53,7 @@ class ReplaySettings:
     """
 
     topic: str = setting(
-        '', 'topic of the joint states; default: the first of this name or with such an ending'
+        '', 'topic of the joint states; default: joint_states, or the first with such an ending'
     )
     joints: tuple[str, ...] = ()
     effort: str = setting(
