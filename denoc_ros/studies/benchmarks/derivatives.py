@@ -53,7 +53,7 @@ def _rigid_lines(effort: Effort) -> Iterator[BenchLine]:
             ('forward', peer.forward_derivatives(pushed), pushed, forward, limit),
         ):
             ours = getattr(robot, f'{verb}_dynamics_derivatives')
-            yield from pair('derivatives', n, ours, given, theirs, reach, effort, least, full)
+            yield from pair('derivatives', ours, given, theirs, reach, effort, least, full)
 
 
 def full(matrices: Array) -> Array:

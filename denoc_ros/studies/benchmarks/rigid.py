@@ -119,7 +119,7 @@ def inverse_lines(effort: Effort) -> Iterator[BenchLine]:
     for n, reach in zip(SIZES, REACH_INVERSE, strict=True):
         robot, peer, states = _chain(n)
         theirs = peer.inverse_dynamics(states)
-        yield from pair('inverse', n, robot.inverse_dynamics, states, theirs, reach, effort)
+        yield from pair('inverse', robot.inverse_dynamics, states, theirs, reach, effort)
 
 
 def forward_lines(effort: Effort) -> Iterator[BenchLine]:
@@ -130,7 +130,7 @@ def forward_lines(effort: Effort) -> Iterator[BenchLine]:
         states = driven(robot, states)
         theirs = peer.forward_dynamics(states)
         limit = conditioned(robot, states)
-        yield from pair('forward', n, robot.forward_dynamics, states, theirs, reach, effort, limit)
+        yield from pair('forward', robot.forward_dynamics, states, theirs, reach, effort, limit)
 
 
 def inertia_lines(effort: Effort) -> Iterator[BenchLine]:
@@ -183,7 +183,6 @@ def _chain(n: int) -> tuple[Robot, Pinocchio, list[State]]:
 
 def pair(
     group: str,
-    n: int,
     verb: Callable[..., Any],
     states: Sequence[State],
     theirs: Subject,
@@ -196,7 +195,7 @@ def pair(
     ours, against = Subject(verb, states), f'pin.{theirs.call.__name__}'
     checked = check(results(ours), [whole(each) for each in results(theirs)], against, limit)
     subjects = (ours, Subject(verb, unchecked(states)), theirs)
-    what = f'{verb.__name__}, rigid n = {n}'
+    what = f'{verb.__name__}, rigid n = {len(states[0][0])}'
     yield from beside(group, what, against, subjects, checked, reach, effort)
 
 
