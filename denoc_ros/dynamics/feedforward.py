@@ -30,26 +30,13 @@ SEARCHES = 50  # updates at most that go on with one search for an equilibrium
 
 @dataclass(frozen=True)
 class Terms:
-    """Which parts of the torque are wanted.
+    """Which parts of the torque are wanted."""
 
-    Attributes
-    ----------
-    inertia : bool
-        What accelerations need.
-    coriolis : bool
-        What rates need: centrifugal and Coriolis.
-    gravity : bool
-        What weight needs.
-    friction : bool
-        The joints' viscous damping and Coulomb friction.
-    elastic : bool
-        What deflection changes: without it amplitudes count as zero and the rest is as rigid.
-    """
-
-    inertia: bool = True
-    coriolis: bool = True
-    gravity: bool = True
-    friction: bool = True
+    inertia: bool = True  # for accelerations
+    coriolis: bool = True  # for rates: centrifugal and Coriolis
+    gravity: bool = True  # for weight
+    friction: bool = True  # the joints' viscous damping and Coulomb friction
+    # change by deflection: without it amplitudes count as zero and the rest is as rigid
     elastic: bool = True
 
     @classmethod
@@ -75,7 +62,6 @@ class TorqueFeedforward:
         rigid: the book's, links taken as rigid; flexible: the joints move as desired while the
         amplitudes move freely (hybrid dynamics, integrated alongside); quasi_static: the
         amplitudes stand in equilibrium with gravity.
-    terms : Terms
     step : float
         Longest step of the integration alongside [s].
     held : mapping of str to float, optional

@@ -53,7 +53,6 @@ class Workspace:
 
     Parameters
     ----------
-    arrays : ModelArrays
     constants : (constants,)
         The model's constants; shared, so that a payload set live is seen by all.
     link_side : ndarray, optional

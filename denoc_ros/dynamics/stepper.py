@@ -189,7 +189,6 @@ class Stepper:
             As `numbers` and `state` of :func:`denoc_ros.kernels.driven_step.take_measurement`.
         measured : pair of (driven,) arrays
             Positions and, if `has_rate`, rates.
-        has_rate : bool
         tau, q, qd : (n,) arrays
             Generalized forces, and the state: in place.
         """
@@ -294,7 +293,6 @@ class StepsAlong:
             Of each row from the one before [s].
         accelerations : (2, k, n) array
             Mean of the joints' over each interval, and slope about its middle, 0 elsewhere.
-        first, last : int
 
         Raises
         ------
@@ -327,7 +325,6 @@ def with_joint_feedback(
 
     Parameters
     ----------
-    robot : Robot
     index : (k,) int array
         Coordinates of the joints.
     kp, kd : (k,) or scalar

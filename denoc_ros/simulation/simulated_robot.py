@@ -16,20 +16,12 @@ from denoc_ros.types import Array, IntArray
 
 
 class Drives(NamedTuple):
-    """The drives of a simulated robot.
+    """The drives of a simulated robot."""
 
-    Attributes
-    ----------
-    given : sequence of str
-        Joints that stand still while the drives do: all but those that loops move.
-    coordinates : (k,) int array
-        Those of the driven joints.
-    kp, kd : (k,) arrays
-        Gains of their own feedback [N m/rad, N/m] and [N m s/rad, N s/m].
-    """
-
+    # joints that stand still while the drives do: all but those that loops move
     given: Sequence[str]
-    coordinates: IntArray
+    coordinates: IntArray  # (k,) of the driven joints
+    # (k,) gains of their own feedback [N m/rad, N/m] and [N m s/rad, N s/m]
     kp: Array
     kd: Array
 
@@ -93,7 +85,6 @@ class ModalRobot:
     step : float [s]
     start : (n,) array
         Where it starts, loops closed.
-    drives : Drives
     """
 
     def __init__(self, robot: Robot, step: float, start: Array, drives: Drives) -> None:
