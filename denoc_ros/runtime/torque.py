@@ -380,6 +380,7 @@ class LiveTorque:
         backoff, now = self._backoff, time.perf_counter()
         if backoff is not None and not backoff.due(now):
             return None
+        begin = time.thread_time()
         try:
             return self.source.update(q, qd, qdd, elapsed)
         except UnsettledError:  # the next update goes on with it
@@ -388,7 +389,7 @@ class LiveTorque:
             self.failures += 1
             self.source.reset()
             if backoff is not None:
-                backoff.failed(now, time.perf_counter() - now)
+                backoff.failed(now, time.thread_time() - begin)
             return None
 
 
