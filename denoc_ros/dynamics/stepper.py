@@ -196,8 +196,8 @@ class Stepper:
             raise_step_status(self.robot, status, q, qd, *motion)
 
     def measure(
-        self, numbers: Array, tracked: Array, measured: tuple[Array, Array], interval: float,
-        has_rate: bool, tau: Array, q: Array, qd: Array,
+        self, numbers: Array, tracked: Array, measured: tuple[Array, Array], has_rate: bool,
+        tau: Array, q: Array, qd: Array,
     ) -> None:  # fmt: skip
         """Bring a tracking filter and the state to a measurement of the driven joints.
 
@@ -209,14 +209,12 @@ class Stepper:
             As `numbers` and `state` of :func:`denoc_ros.kernels.driven_step.take_measurement`.
         measured : pair of (driven,) arrays
             Positions and, if `has_rate`, rates.
-        interval : float
-            Since the last measurement [s].
         has_rate : bool
         tau, q, qd : (n,) arrays
             Generalized forces, and the state: in place.
         """
         before = self.robot.handle, self._steps, self._held, self._places, numbers, tracked
-        after = tau, self._room, q, qd, interval, has_rate
+        after = tau, self._room, q, qd, has_rate
         status = self._measurement(*before, *measured, *after)
         if status == MISFIT:  # lists, say, or views
             status = self._measurement(*before, *as_rows(*measured), *after)

@@ -20,7 +20,7 @@ from denoc_ros.errors import SolverError
 from denoc_ros.estimation.fusion import StrainFusion
 from denoc_ros.estimation.observer_settings import ObserverSettings
 from denoc_ros.estimation.tracking import TrackingFilter, joining_acceleration
-from denoc_ros.kernels.driven_step import BANDWIDTH, MEASURED, SHORTEST, STEP
+from denoc_ros.kernels.driven_step import BANDWIDTH, INTERVAL, MEASURED, SHORTEST, STEP
 from denoc_ros.kernels.driven_step import MOST_STEPS as MOST
 from denoc_ros.types import Array
 
@@ -188,8 +188,9 @@ class Observer:
         interval = stamp - self._stamp
         if self._simple and self.base is None and interval <= LONGEST_GAP:
             rates = q if qd is None else qd
+            self._numbers[INTERVAL] = interval
             self._stepper.measure(
-                self._numbers, self._filter.state, (q, rates), interval, qd is not None,
+                self._numbers, self._filter.state, (q, rates), qd is not None,
                 self._tau, self._q, self._qd,
             )  # fmt: skip
             self._stamp = stamp

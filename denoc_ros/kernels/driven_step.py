@@ -23,9 +23,9 @@ from denoc_ros.kernels.handle import GOOD, MISFIT, beyond, coordinates, model_ar
 from denoc_ros.kernels.joint_tracking import POSITION, RATE, ROWS, track
 from denoc_ros.kernels.step import STEP_ROWS, adopt, open_stage, take_step
 
-# numbers that hold for all measurements
-BANDWIDTH, SHORTEST, STEP, MOST_STEPS = range(4)
-MEASURED = 4
+# numbers that a measurement comes with
+INTERVAL, BANDWIDTH, SHORTEST, STEP, MOST_STEPS = range(5)
+MEASURED = 5
 
 
 @inlined
@@ -63,21 +63,9 @@ def go_along(handle, steps, held, places, joints, first, change, tau, q, qd, giv
 
 @kernel(types.int64(types.int64, *[array_object] * 11, types.float64, types.int64))
 def advance_driven(
-    handle,
-    steps,
-    held,
-    places,
-    first,
-    change,
-    tau,
-    given,
-    q_before,
-    qd_before,
-    q,
-    qd,
-    duration,
+    handle, steps, held, places, first, change, tau, given, q_before, qd_before, q, qd, duration,
     count,
-):
+):  # fmt: skip
     """Advance q and q' (n,) by a duration [s] in `count` steps.
 
     Parameters
@@ -215,22 +203,9 @@ def driven_torque(
     return GOOD
 
 
-@kernel(types.int64(types.int64, *[array_object] * 11, types.float64, types.boolean))
+@kernel(types.int64(types.int64, *[array_object] * 11, types.boolean))
 def take_measurement(
-    handle,
-    steps,
-    held,
-    places,
-    numbers,
-    state,
-    position,
-    rate,
-    tau,
-    room,
-    q,
-    qd,
-    interval,
-    has_rate,
+    handle, steps, held, places, numbers, state, position, rate, tau, room, q, qd, has_rate
 ):
     """Bring a tracking filter, and a robot's state with it, to the next measurement of joints.
 
@@ -246,8 +221,8 @@ def take_measurement(
     places : (joints,) array
         Coordinates of the measured joints.
     numbers : (MEASURED,) array
-        Bandwidth of :func:`track_joints` [rad/s]; the shortest interval [s] over which
-        accelerations change; the step [s], and how many at most.
+        Interval since the last measurement [s]; bandwidth of :func:`track_joints` [rad/s]; the
+        shortest interval [s] over which accelerations change; the step [s], and how many at most.
     state : (ROWS, joints) array
         Of the filter; in place.
     position, rate : (joints,) arrays
@@ -258,8 +233,6 @@ def take_measurement(
         Workspace.
     q, qd : (n,) arrays
         The robot's state; in place.
-    interval : float
-        Since the last measurement [s].
     has_rate : bool
         Whether rates are measured.
     """
@@ -283,6 +256,7 @@ def take_measurement(
         return MISFIT
     number, tracked, index = content(numbers), content(state), content(places)
     x, v = content(q), content(qd)
+    interval = number[INTERVAL]
     track(tracked, joints, content(position), content(rate), has_rate, interval, number[BANDWIDTH])
     after, rate_after = beyond(tracked, POSITION * joints), beyond(tracked, RATE * joints)
     given = content(room)
