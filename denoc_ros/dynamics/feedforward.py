@@ -203,12 +203,15 @@ class TorqueFeedforward:
 
     def _update(self, q: Array, qd: Array, qdd: Array, elapsed: float) -> Array:
         if self._moves and self._settled and 0.0 <= elapsed <= LONGEST_GAP:
-            self._integrate(qdd, elapsed)
             if self._at_once:
-                self._stepper.torque((q, qd, qdd), self.q, self.qd, self.qdd, self._result)
+                self._stepper.torque(
+                    (q, qd, qdd), self.q, self.qd, self.qdd, self._result, self._given, elapsed,
+                    self._count(elapsed),
+                )  # fmt: skip
                 if self._motors.any:
                     self._motors.add(self._result, (qd, qdd), elapsed)
                 return self._result
+            self._integrate(qdd, elapsed)
             self._place(q, qd, qdd)
             if self._base.floats and self._base.twist is not None:
                 self._base.rates(self.q, self.qd)
@@ -278,11 +281,16 @@ class TorqueFeedforward:
         after = self.motion.given_accelerations(qdd)
         if elapsed > 0.0:
             np.subtract(after, given, out=change)
-            count = min(self.substeps, max(1, round(elapsed / self.step)))
-            self._stepper.drive(self.q, self.qd, given, change, elapsed, count)
+            self._stepper.drive(self.q, self.qd, given, change, elapsed, self._count(elapsed))
         given[:] = after
         if elapsed > 0.0 and self._base.floats:
             self._base.wrap(self.q, self.qd)
+
+    def _count(self, elapsed: float) -> int:
+        """Return the number of steps of an interval [s]."""
+        if not elapsed > 0.0:
+            return 0
+        return min(self.substeps, round(elapsed / self.step) or 1)
 
     def _react(self, elapsed: float) -> None:
         """Move a floating base beside a motion whose amplitudes are given."""
