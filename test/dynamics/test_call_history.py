@@ -99,8 +99,8 @@ def test_each_verb_gives_the_same_on_a_fresh_process_and_after_all_others(
     repository: Path, name: str
 ) -> None:
     path = repository / 'config' / 'robots' / f'{name}.urdf'
-    # a process that compiles a kernel runs inner functions as they are by themselves, all others
-    # as they are within it: one bit of the last place may differ
+    # a process that compiles a kernel may differ by one bit of the last place from those that load
+    # it (seen once, derivatives of the SSRMS); the cause is not known
     kept = -1
     while kept != kept_kernels():
         kept = kept_kernels()
