@@ -34,7 +34,6 @@ def whole_file(file: str | os.PathLike[str], parents: bool = False) -> Iterator[
 
     Parameters
     ----------
-    file : path
     parents : bool
         Make folders that it is to be in and that do not exist.
 

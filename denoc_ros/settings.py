@@ -83,6 +83,18 @@ class Parameter:
         ]
         return ', '.join(bound for bound in bounds if bound)
 
+    @property
+    def help(self) -> str:
+        """Text, unit and default on a command line; a default that is no value is not shown."""
+        told = f'{self.text} [{self.unit}]' if self.unit else self.text
+        try:
+            value = self.accept('', self.default)
+        except ValueError:
+            return told
+        if _is_number(value):
+            return f'{told}; default: {value:g}' if math.isfinite(cast(float, value)) else told
+        return f'{told}; default: {value}' if value and self.kind is Kind.STRING else told
+
     def within(self, lowest: float | None = None, highest: float | None = None) -> Parameter:
         """Return the row with narrower bounds."""
         if lowest is None or highest is None:
@@ -178,9 +190,11 @@ def parameter(
     ----------
     name, text, unit, minimum, maximum, **more
         Of :class:`Parameter`.
-    default : value or type
-        A type where there is no default.
+    default : value, type or Kind
+        A type where there is no default; a kind of array where it is empty.
     """
+    if isinstance(default, Kind):
+        return Parameter(name, default, [], text, unit, minimum, maximum, **more)
     is_needed = isinstance(default, type)
     kind = more.pop('kind', None) or KINDS[default if is_needed else type(default)]
     known = None if is_needed else default
@@ -188,9 +202,14 @@ def parameter(
 
 
 def setting(default: Any, *given: Any, **more: Any) -> Any:
-    """Declare a field of a class of settings, by the arguments of :func:`parameter`."""
-    row = parameter('', default, *given, **more)
-    return field(default=MISSING if row.default is None else default, metadata={ROW: row})
+    """Declare a field of a class of settings, by the arguments of :func:`parameter` or a row."""
+    row = default if isinstance(default, Parameter) else parameter('', default, *given, **more)
+    return field(default=MISSING if row.default is None else row.default, metadata={ROW: row})
+
+
+def positive(default: Any, *given: Any, **more: Any) -> Any:
+    """Declare a field whose value must be > 0 and finite."""
+    return setting(default, *given, positive=True, finite=True, **more)
 
 
 def declared(kind: type) -> dict[str, Parameter]:
@@ -213,16 +232,18 @@ def documented(kind: type[Settings]) -> type[Settings]:
     return kind
 
 
-def require_declared(settings: Any, where: str) -> None:
-    """Refuse settings out of their range.
-
-    Raises
-    ------
-    StateError
-        With the first that is.
-    """
+def declared_findings(settings: Any, whose: str = '') -> list[str]:
+    """Return the findings on settings out of their range; their names stand behind `whose`."""
+    findings = []
     for name, row in declared(type(settings)).items():
         try:
-            row.accept(f'{where}: {name}', getattr(settings, name))
+            row.accept(f'{whose}{name}', getattr(settings, name))
         except ValueError as finding:
-            raise StateError(str(finding)) from finding
+            findings.append(str(finding))
+    return findings
+
+
+def require_declared(settings: Any, where: str) -> None:
+    """Raise StateError with the first of the settings that is out of its range."""
+    for finding in declared_findings(settings, f'{where}: '):
+        raise StateError(finding)

@@ -10,11 +10,12 @@ from pathlib import Path
 import numpy as np
 
 from denoc_ros.bags.joint_state import FIELDS, JOINT_STATE, JointStateMessage
-from denoc_ros.bags.reader import Stamp
+from denoc_ros.bags.reader import STAMP, Stamp
 from denoc_ros.bags.series import JointSeries
 from denoc_ros.bags.tables import UNITS, Table, read_table, time_column, unit_of_times
 from denoc_ros.bags.writer import BagWriter
 from denoc_ros.errors import BagError
+from denoc_ros.settings import positive, setting
 from denoc_ros.types import Array
 
 SEPARATORS = './_ '  # between a joint's name and what of it a column holds
@@ -26,19 +27,23 @@ FIRST_NS = 1_000_000_000  # a stamp of 0 would say that there is none
 class TableTimes:
     """How the times of a table's rows are read."""
 
-    time: str = ''  # the column of times; '' for one of the usual names
-    # of these times: s, ms, us or ns; '' for what the column's name says, else s
-    time_unit: str = ''
-    rate: float = 0.0  # the sample rate [Hz], where the table has no times; 0: it has
+    time: str = setting('', 'column with the times of a table; default: one of the usual names')
+    time_unit: str = setting(
+        '',
+        "unit of a table's times; default: from the column's name (time_ms, t [us]), else s",
+        choices=tuple(UNITS),
+    )
+    # 0: the table has times
+    rate: float = positive(0.0, 'sample rate of a table without times', 'Hz')
 
 
 @dataclass(frozen=True, kw_only=True)
 class RecordedWindow(TableTimes):
     """Which part of a recording is read, and by which clock."""
 
-    stamp: Stamp = 'header'  # of a bag: `header`, or `log` for the time of recording
-    begin: float = 0.0  # since the first sample [s]
-    end: float = math.inf
+    stamp: Stamp = setting(STAMP)
+    begin: float = setting(0.0, 'first time, since the first sample or message', 's')
+    end: float = setting(math.inf, 'last time, since the same', 's')
 
 
 def joint_columns(

@@ -21,9 +21,16 @@ from denoc_ros.bags.metadata import METADATA_NAME, Qos, named_files
 from denoc_ros.bags.rosbags_bounds import AnyReader
 from denoc_ros.bags.storage import MAGIC, decompressed, require_bounded_chunks
 from denoc_ros.errors import BagError
+from denoc_ros.settings import parameter
 from denoc_ros.types import Stamps
 
 Stamp = Literal['header', 'log']
+STAMP = parameter(
+    'stamp',
+    'header',
+    'times of a bag: header stamps, or the times of recording (log)',
+    choices=('header', 'log'),
+)
 
 DESCRIPTION_ATTACHMENT = 'robot_description.urdf'
 SESSION_ATTACHMENT = 'session.json'  # what a simulated run was
@@ -97,7 +104,7 @@ def read_bag(
 
 def require_stamp(path: str | Path, stamp: Stamp) -> None:
     """Raise BagError unless stamps are asked for that a bag has."""
-    if stamp not in ('header', 'log'):
+    if stamp not in STAMP.choices:
         raise BagError(f'{path}: stamp must be header or log, got {stamp!r}')
 
 

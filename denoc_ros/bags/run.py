@@ -15,6 +15,7 @@ from denoc_ros.bags.joint_state import JOINT_STATE
 from denoc_ros.bags.reader import RawMessage, bag_contents, header_stamp_ns, read_raw, read_thinned
 from denoc_ros.bags.series import JointSeries, JointStateColumns, Series, find_topic
 from denoc_ros.errors import BagError
+from denoc_ros.types import Array
 
 UNFINISHED = '(unfinished)'  # behind the name of a phase that has no end
 PHASE_TOPIC = '/up/phase'
@@ -249,6 +250,26 @@ def _raw(
     period = max(1.0 / rate, (min(end, length) - max(start, 0.0)) / MOST_ROWS)
     slack = 1e9 * (SLACK + period)
     return read_thinned(path, topics, round(1e9 * period), 1e9 * start - slack, 1e9 * end + slack)
+
+
+def point_columns(points: Sequence[Any]) -> tuple[Array, Array | None, Array | None]:
+    """Return positions, velocities and accelerations (k, n) of the points of a JointTrajectory.
+
+    None stands for rates or accelerations that a point lacks.
+    """
+
+    def column(field: str) -> Array | None:
+        rows = [getattr(point, field) for point in points]
+        return np.array(rows, dtype=np.float64) if all(map(len, rows)) else None
+
+    positions = np.array([point.positions for point in points], dtype=np.float64)
+    return positions, column('velocities'), column('accelerations')
+
+
+def point_times(points: Sequence[Any]) -> Array:
+    """Return the times (k,) [s] of the points of a JointTrajectory since its start."""
+    since = [point.time_from_start for point in points]
+    return np.array([each.sec + 1e-9 * each.nanosec for each in since])
 
 
 def statuses(stamp_ns: int, message: Any) -> list[Diagnostic]:

@@ -6,6 +6,7 @@ import argparse
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields
+from inspect import signature
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -13,7 +14,7 @@ from denoc_ros.cli.config import find_file, parse_setting
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import ConfigError
 from denoc_ros.reports.run_files import EARTH
-from denoc_ros.settings import Parameter
+from denoc_ros.settings import KINDS, Kind, Parameter, declared, parameter
 
 Settings = TypeVar('Settings')
 
@@ -74,53 +75,82 @@ def add_gravity(
     )
 
 
-def add_setting(group: Any, row: Parameter) -> None:
-    """Declare the option of a setting that is a number; None where it is not given."""
-    unit = f' [{row.unit}]' if row.unit else ''
-    text = f'{row.text}{unit}; default: {row.default:g}'.replace('%', '%%')
-    group.add_argument(f'--{row.name.replace("_", "-")}', type=float, metavar='X', help=text)
+class _Checked(argparse.Action):
+    """Takes a value of a row; one that the row refuses becomes a finding."""
+
+    def __init__(self, *args: Any, row: Parameter, **more: Any) -> None:
+        super().__init__(*args, **more)
+        self._row = row
+
+    def __call__(
+        self, parser: Any, namespace: argparse.Namespace, value: Any, option: str | None = None
+    ) -> None:
+        """Keep the value, right or wrong."""
+        setattr(namespace, self.dest, value)
+        try:
+            self._row.accept(str(option), value)
+        except ValueError as finding:
+            namespace.findings.append(str(finding))
 
 
-def add_times(group: Any) -> None:
-    """Declare how the times of a table are read: the fields of `TableTimes`."""
-    add_option(group, '--time COLUMN', 'column with the times of a table', '')
-    add_option(
-        group,
-        '--time-unit',
-        "unit of a table's times; default: from the column's name (time_ms, t [us]), else s",
-        '',
-        choices=('s', 'ms', 'us', 'ns'),
-    )
-    add_option(group, '--rate HZ', 'sample rate of a table without times', 0.0)
+def add_row(group: Any, option: str, row: Parameter, default: Any = None) -> None:
+    """Declare the option of a row: its text, unit, type, range and choices are the row's.
+
+    Parameters
+    ----------
+    option : str
+        Its name, and behind it the form of its value: `--begin S`.
+    """
+    name, _, form = option.partition(' ')
+    if row.kind is Kind.BOOL:
+        add_option(group, name, row.text)
+        return
+    more: dict[str, Any] = {'choices': row.choices} if row.choices else {}
+    if form:
+        more['metavar'] = form
+    types = {kind: plain for plain, kind in KINDS.items()}
+    group.add_argument(
+        name, action=_Checked, row=row, type=types[row.kind], default=default,
+        help=row.help.replace('%', '%%'), **more,
+    )  # fmt: skip
 
 
-def add_window(group: Any, of: str) -> None:
-    """Declare which part of a recording is read, and how: the fields of `RecordedWindow`."""
-    since = f'since the first {of} [s]'
-    add_stamp(group)
-    add_times(group)
-    add_option(group, '--begin S', since, 0.0)
-    add_option(group, '--end S', since, math.inf)
+def add_number(
+    group: Any, option: str, default: Any, text: str, unit: str = '', *bounds: float, **more: Any
+) -> None:
+    """Declare the option of a number by the arguments of `denoc_ros.settings.parameter`.
+
+    Parameters
+    ----------
+    default : float, int or type
+        A type where there is no default: then None stands for what is not given.
+    """
+    row = parameter('', default, text, unit, *bounds, **more)
+    add_row(group, option, row, row.default)
+
+
+def default_of(function: Callable[..., Any], name: str) -> Any:
+    """Return the default of a function's argument."""
+    return signature(function).parameters[name].default
+
+
+def add_settings(group: Any, kind: type, *options: str) -> None:
+    """Declare options that are called like the declared fields of a class of settings."""
+    rows = declared(kind)
+    for option in options:
+        row = rows[option.partition(' ')[0].lstrip('-').replace('-', '_')]
+        add_row(group, option, row, row.default)
+
+
+TIMES = ('--time COLUMN', '--time-unit', '--rate HZ')
+WINDOW = ('--stamp', *TIMES, '--begin S', '--end S')  # of `RecordedWindow`, for `add_settings`
 
 
 def window_findings(args: argparse.Namespace) -> list[str]:
-    """Findings on the sample rate of a table, and on begin and end where these are options."""
-    begin, end, rate = getattr(args, 'begin', 0.0), getattr(args, 'end', math.inf), args.rate
-    found = [] if math.isfinite(rate) and rate >= 0.0 else [f'--rate must be > 0 Hz, got {rate}']
-    if not begin < end:
-        found.append(f'--begin must be before --end, got {begin} and {end} s')
-    return found
-
-
-def add_stamp(parser: Any) -> None:
-    """Declare `--stamp`: by which clock a bag is read."""
-    add_option(
-        parser,
-        '--stamp',
-        'times of a bag: header stamps (default) or times of recording',
-        'header',
-        choices=('header', 'log'),
-    )
+    """Findings on begin and end together."""
+    if args.begin < args.end:
+        return []
+    return [f'--begin must be before --end, got {args.begin} and {args.end} s']
 
 
 def unused(path: Path) -> Path:

@@ -16,11 +16,12 @@ from typing import Any
 
 from tqdm import tqdm
 
-from denoc_ros.cli.arguments import add_option
+from denoc_ros.cli.arguments import add_settings, settings_of
 from denoc_ros.cli.interrupts import deferred_interrupts, is_made_by_interrupt, noted_interrupts
 from denoc_ros.errors import ConfigError, DenocError
 from denoc_ros.reports.text_table import Row
 from denoc_ros.runtime.realtime import SINGLE_THREADED
+from denoc_ros.settings import setting
 
 Task = Callable[[Any], Row]
 
@@ -37,8 +38,12 @@ LEAN = {
 class WorkerConfig:
     """Who does the work."""
 
-    count: int = 0  # local processes; 0 for this one alone
-    scheduler: str = ''  # address of a Dask scheduler, which then has the workers; '' for none
+    workers: int = setting(
+        0, 'number of processes of a local Dask cluster; 0: this process alone', '', 0
+    )
+    scheduler: str = setting(
+        '', 'address of a Dask scheduler, such as tcp://head:8786, whose workers do the work'
+    )
 
 
 class RowStore:
@@ -114,27 +119,14 @@ class RowStore:
 
 def add_worker_options(parser: Any) -> None:
     """Declare --workers and --scheduler."""
-    add_option(
-        parser,
-        '--workers N',
-        'number of processes of a local Dask cluster; default: this process alone',
-        0,
-    )
-    add_option(
-        parser,
-        '--scheduler ADDRESS',
-        'address of a Dask scheduler, such as tcp://head:8786, whose workers do the work',
-        '',
-    )
+    add_settings(parser, WorkerConfig, '--workers N', '--scheduler ADDRESS')
 
 
 def worker_config(args: argparse.Namespace) -> WorkerConfig:
     """Configuration by --workers and --scheduler; ConfigError where they contradict."""
-    if args.workers < 0:
-        raise ConfigError('--workers', [f'it must be >= 0, got {args.workers}'])
     if args.workers and args.scheduler:
         raise ConfigError('--workers', ['it must not come with --scheduler, got both'])
-    return WorkerConfig(args.workers, args.scheduler)
+    return settings_of(WorkerConfig, args)
 
 
 def run_batch(
@@ -203,7 +195,7 @@ def _rows(
 ) -> Iterator[Row]:
     if not todo:
         return
-    if not (workers.count or workers.scheduler):
+    if not (workers.workers or workers.scheduler):
         yield from map(guarded, todo)
         return
     with _client(workers, len(todo)) as client:
@@ -236,7 +228,7 @@ def _client(workers: WorkerConfig, tasks: int) -> Iterator[Any]:
         with deferred_interrupts():
             cluster = stack.enter_context(
                 distributed.LocalCluster(
-                    n_workers=min(workers.count, tasks),
+                    n_workers=min(workers.workers, tasks),
                     threads_per_worker=1,
                     dashboard_address=None,
                     silence_logs=logging.CRITICAL,

@@ -12,13 +12,16 @@ import numpy as np
 
 from denoc_ros.bags.digest import file_hash
 from denoc_ros.cli.arguments import (
+    WINDOW,
     add_gravity,
     add_json,
+    add_number,
     add_option,
     add_output,
     add_overrides,
     add_pairs,
-    add_window,
+    add_settings,
+    default_of,
     given_file,
     number_range,
     overridden,
@@ -37,7 +40,7 @@ from denoc_ros.cli.verbs import exit_status
 from denoc_ros.dynamics.robot import load_robot
 from denoc_ros.errors import BagError
 from denoc_ros.identification.model.excitation import Excitation, design_excitation
-from denoc_ros.identification.model.fit import IdentifiedModel
+from denoc_ros.identification.model.fit import IdentifiedModel, identify_model
 from denoc_ros.identification.model.free_parameters import FreeParameters
 from denoc_ros.identification.model.result import (
     ModelOptions,
@@ -92,13 +95,10 @@ def _add_model(parser: argparse.ArgumentParser) -> None:
     )
     add_gravity(parser)
     add_overrides(parser)
-    add_option(parser, '--cutoff HZ', 'above it effort is not compared; default: 20', 20.0)
-    add_option(
-        parser,
-        '--held-out PART',
-        'last part of each run that a first fit does not see and is judged by; default: 0.25',
-        0.25,
-    )
+    text = 'bandwidth above which effort is not compared'
+    add_number(parser, '--cutoff HZ', default_of(identify_model, 'cutoff'), text, 'Hz')
+    text = 'last part of each run that a first fit does not see and is judged by'
+    add_number(parser, '--held-out PART', default_of(identify_model, 'held_out'), text)
     _add_outputs(parser)
     _add_recording(parser)
     add_worker_options(parser)
@@ -124,7 +124,6 @@ def _add_outputs(parser: argparse.ArgumentParser) -> None:
 
 def _add_recording(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group('the recordings')
-    add_option(group, '--topic', 'joint states of a bag; default: /joint_states', '/joint_states')
     for option, dest, read, text in (
         (
             '--rename OLD=NEW',
@@ -162,7 +161,7 @@ def _add_recording(parser: argparse.ArgumentParser) -> None:
         ),
     ):
         add_pairs(group, option, text, read, dest)
-    add_window(group, 'joint state')
+    add_settings(group, RecordingSettings, '--topic', *WINDOW)
 
 
 def recording_settings(args: argparse.Namespace) -> RecordingSettings:
@@ -303,22 +302,21 @@ def _add_excite(parser: argparse.ArgumentParser) -> None:
 
 def _add_motion(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group('motion and recording')
-    numbers: tuple[tuple[str, str, Any, float, str], ...] = (
-        ('duration', 'S', float, 10.0, 'of the motion [s]'),
-        ('harmonics', 'K', int, 6, 'of each joint: the highest frequency is harmonics / duration'),
-        ('rate', 'HZ', float, 200.0, 'of recording [Hz]'),
-        ('interval', 'S', float, 0.02, 'between rows of the motion [s]'),
-        ('time-limit', 'S', float, 60.0, 'of the search [s of processor time]'),
-        ('seed', 'K', int, 0, 'of the motions drawn that the search starts from'),
-    )
-    for name, metavar, kind, default, text in numbers:
-        group.add_argument(
-            f'--{name}',
-            metavar=metavar,
-            type=kind,
-            default=default,
-            help=f'{text}; default: {default:g}',
-        )
+    for option, name, text, unit in (
+        ('--duration S', 'duration', 'of the motion', 's'),
+        (
+            '--harmonics K',
+            'harmonics',
+            'of each joint: the highest frequency is harmonics / duration',
+            '',
+        ),
+        ('--rate HZ', 'rate', 'of recording', 'Hz'),
+        ('--time-limit S', 'time_limit', 'of the search, in processor time', 's'),
+        ('--seed K', 'seed', 'of the motions drawn that the search starts from', ''),
+    ):
+        add_number(group, option, default_of(design_excitation, name), text, unit)
+    text = 'between rows of the motion'
+    add_number(group, '--interval S', 0.02, text, 's', positive=True, finite=True)
     text = 'where a joint begins and ends [rad, m]; default: 0'
     add_pairs(group, '--start JOINT=VALUE', text, float)
     add_pairs(
@@ -364,8 +362,6 @@ def _excite_options(args: argparse.Namespace) -> dict[str, Any]:
     findings: list[str] = []
     if args.output.suffix not in ('.yaml', '.yml'):
         findings.append(f'--output must end in .yaml, got {args.output.name!r}')
-    if not 0.0 < args.interval < math.inf:
-        findings.append(f'--interval must be > 0 s, got {args.interval}')
     require(findings)
     require_new(args.output, args.trajectory, args.page)
     always = ('duration', 'harmonics', 'rate', 'time_limit', 'seed')

@@ -9,12 +9,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from denoc_ros.cli.arguments import (
+    WINDOW,
     add_gravity,
     add_json,
     add_option,
     add_output,
     add_pairs,
-    add_window,
+    add_settings,
     require,
     settings_of,
     window_findings,
@@ -70,39 +71,16 @@ def add_recording_options(parser: argparse.ArgumentParser, several: bool = False
 def add_channel_options(parser: argparse.ArgumentParser) -> None:
     """Declare the options that select a signal of a file."""
     group = parser.add_argument_group('the signal')
-    add_option(group, '--topic', 'topic of a bag, such as /predictor/tip_deflection', '')
-    add_option(
-        group,
-        '--field',
-        'name in a JointState (arm/uy), label of an array, dotted path in another '
-        'message (wrench.force.x), or column of a table',
-        '',
-    )
-    add_option(
-        group,
-        '--quantity',
-        'quantity of a JointState; default: position',
-        'position',
-        choices=('position', 'velocity', 'effort'),
-    )
-    add_option(group, '--gain', 'value = gain * raw + offset', 1.0)
-    add_option(
-        group, '--offset', 'offset in value = gain * raw + offset, in the unit of the value', 0.0
-    )
-    add_option(group, '--unit', 'unit of the value', '')
-    add_window(group, 'sample')
+    own = ('--topic', '--field', '--quantity', '--gain', '--offset', '--unit')
+    add_settings(group, Channel, *own, *WINDOW)
 
 
 def add_verdict_options(parser: argparse.ArgumentParser) -> None:
     """Declare the options that select the modes of the verdict."""
     group = parser.add_argument_group('the verdict (default: that of the strongest mode)')
     add_option(group, '--band LO:HI', 'exit status by all modes between two frequencies [Hz]', '')
-    add_option(
-        group,
-        '--modes K',
-        'exit status by the K strongest modes, in the band if one is given',
-        type=int,
-    )
+    text = 'exit status by the K strongest modes, in the band if one is given'
+    add_option(group, '--modes K', text, type=int)
 
 
 def asked_of(args: argparse.Namespace) -> tuple[tuple[float, float], int | None]:
@@ -124,13 +102,7 @@ def asked_of(args: argparse.Namespace) -> tuple[tuple[float, float], int | None]
 
 def channel_of(args: argparse.Namespace) -> Channel:
     """Return the channel that the options give; ConfigError where they make no sense."""
-    findings = [
-        f'{name} must be a finite number, got {value}'
-        for name, value in (('--gain', args.gain), ('--offset', args.offset))
-        if not math.isfinite(value)
-    ]
-    if args.gain == 0.0:
-        findings.append('--gain must not be 0, got 0')
+    findings = ['--gain must not be 0, got 0'] if args.gain == 0.0 else []
     require([*findings, *window_findings(args)])
     return settings_of(Channel, args)
 

@@ -1,14 +1,25 @@
-"""`denoc identify info`, `segment`, `modal`, `joint`, `forced`: one signal of a recording."""
+"""`denoc identify`: info, segment, modal, joint, forced, servo: signals of a recording."""
 
 from __future__ import annotations
 
 import argparse
-import math
 import sys
 from dataclasses import replace
 from pathlib import Path
 
-from denoc_ros.cli.arguments import add_json, add_option, add_output, given_file
+from denoc_ros.cli.arguments import (
+    WINDOW,
+    add_json,
+    add_number,
+    add_option,
+    add_output,
+    add_pairs,
+    add_settings,
+    given_file,
+    require,
+    settings_of,
+    window_findings,
+)
 from denoc_ros.cli.batch import WorkerConfig, add_worker_options, worker_config
 from denoc_ros.cli.identify_options import (
     Action,
@@ -23,8 +34,8 @@ from denoc_ros.cli.identify_options import (
 from denoc_ros.cli.identify_rows import RowKind, recordings, rows_result
 from denoc_ros.cli.verb_result import VerbResult
 from denoc_ros.cli.verbs import NOT_IDENTIFIABLE
-from denoc_ros.errors import BagError, ConfigError
-from denoc_ros.identification.channel import read_record
+from denoc_ros.errors import BagError
+from denoc_ros.identification.channel import Channel, read_record
 from denoc_ros.identification.forced import identify_forced
 from denoc_ros.identification.joint import fit_joint, joint_result
 from denoc_ros.identification.result import (
@@ -35,6 +46,7 @@ from denoc_ros.identification.result import (
     identify_decay,
 )
 from denoc_ros.identification.segments import find_segments
+from denoc_ros.identification.servo_runs import ServoOptions, identify_servos
 from denoc_ros.output_files import Document
 from denoc_ros.reports.identify_signals import (
     decay_page,
@@ -43,6 +55,8 @@ from denoc_ros.reports.identify_signals import (
     forced_text,
     joint_page,
     joint_text,
+    servo_page,
+    servo_text,
 )
 from denoc_ros.reports.text_table import Row, text_table
 
@@ -176,32 +190,25 @@ def _add_joint(parser: argparse.ArgumentParser) -> None:
     add_recording_options(parser)
     add_channel_options(parser)
     group = parser.add_argument_group('the joint')
-    add_option(
-        group, '--inertia KG_M2', 'inertia about the joint, with motor and gears', type=float
-    )
-    add_option(
-        group,
-        '--gravity-torque N_M',
-        'largest gravity torque, m g l: with it the frequency gives the inertia',
-        type=float,
-    )
+    for option, unit, text in (
+        ('--inertia KG_M2', 'kg m^2', 'inertia about the joint, with motor and gears'),
+        (
+            '--gravity-torque N_M',
+            'N m',
+            'largest gravity torque, m g l: with it the frequency gives the inertia',
+        ),
+        ('--mass-per-length KG/M', 'kg/m', "for the book's coefficient"),
+        ('--length M', 'm', "for the book's coefficient"),
+    ):
+        add_number(group, option, float, text, unit, positive=True, finite=True)
     add_option(group, '--spring', 'the restoring torque is a linear spring, not gravity')
-    add_option(group, '--mass-per-length KG/M', "for the book's coefficient", type=float)
-    add_option(group, '--length M', "for the book's coefficient", type=float)
 
 
 def _joint(args: argparse.Namespace) -> VerbResult:
     inertia, torque = args.inertia, args.gravity_torque
     rod = (args.mass_per_length, args.length)
-    names = ('--inertia', '--gravity-torque', '--mass-per-length', '--length')
-    findings = [
-        f'{name} must be > 0, got {value}'
-        for name, value in zip(names, (inertia, torque, *rod), strict=True)
-        if value is not None and not 0.0 < value < math.inf
-    ]
     if inertia is not None and torque is not None:
-        findings.append('--gravity-torque must not come with --inertia, got both')
-    ConfigError.raise_any('identify joint', findings)
+        require(['--gravity-torque must not come with --inertia, got both'])
     reading = read_record(args.path, channel_of(args))
     fit = fit_joint(reading.record, inertia, torque, not args.spring)
     document = joint_result(reading, fit, inertia is not None or torque is not None, *rod)
@@ -255,6 +262,48 @@ def _forced(args: argparse.Namespace) -> VerbResult:
     )
 
 
+def _add_servo(parser: argparse.ArgumentParser) -> None:
+    add_recording_options(parser, several=True)
+    group = parser.add_argument_group('the signals')
+    add_option(
+        group,
+        '--command TOPIC',
+        'topic of the commands: JointTrajectory, whole or streamed, or JointState; '
+        'default: /reference',
+        '/reference',
+        dest='commanded',
+    )
+    add_option(
+        group,
+        '--topic',
+        'topic of the measured JointState; default: /joint_states',
+        '/joint_states',
+    )
+    add_pairs(
+        group,
+        '--column JOINT.FIELD=COLUMN',
+        'column of a table with what a joint is told (FIELD command) or its position; '
+        'default: columns such as elbow/command and elbow/position',
+    )
+    add_option(
+        group,
+        '--joint NAME',
+        'joint to identify; repeatable; default: all commanded joints',
+        action='append',
+    )
+    add_settings(group, Channel, *WINDOW)
+
+
+def _servo(args: argparse.Namespace) -> VerbResult:
+    require(window_findings(args))
+    channel = settings_of(Channel, args)
+    options = ServoOptions(channel, args.commanded, args.column, args.joint or ())
+    document, found = identify_servos(args.path, options)
+    return written_result(
+        args.output, document, servo_text, lambda result: servo_page(result, found, args.command)
+    )
+
+
 DECLARED = (
     Action(
         'info',
@@ -291,5 +340,13 @@ DECLARED = (
         'frequencies are in cycles per sample.',
         _add_forced,
         _forced,
+    ),
+    Action(
+        'servo',
+        'Fit a second-order lag with a delay and a static gain to the commanded and the measured '
+        'positions of joints; several recordings are fitted together. The result is the '
+        "shaper's `servo.*`.",
+        _add_servo,
+        _servo,
     ),
 )

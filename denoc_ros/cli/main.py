@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import gc
 import importlib
 import io
 import logging
@@ -19,6 +20,8 @@ from denoc_ros.cli.interrupts import interrupt, is_made_by_interrupt, noted_inte
 from denoc_ros.cli.verbs import ACTIONS, BAD_INPUT, DEFAULT_ACTION, INTERRUPTED, STUDIES, VERBS
 from denoc_ros.errors import ConfigError, DenocError
 
+# objects after which garbage is looked for: with 700 that takes a seventh of a start
+GARBAGE = 20_000
 LONGEST = 2000  # characters of a line of a message
 _MEMORY = 'memory must be enough for what was asked, got: {}'
 # of libraries; the last two are an extension's that could not make an exception either
@@ -72,8 +75,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         130 interrupted.
     """
     is_process = argv is None
-    if is_process and signal.getsignal(signal.SIGINT) in (signal.default_int_handler, end_at_once):
-        signal.signal(signal.SIGINT, interrupt)
+    if is_process:
+        gc.set_threshold(GARBAGE)
+        if signal.getsignal(signal.SIGINT) in (signal.default_int_handler, end_at_once):
+            signal.signal(signal.SIGINT, interrupt)
     arguments = list(sys.argv[1:] if argv is None else argv)
     try:
         if is_process:

@@ -13,6 +13,7 @@ import numpy as np
 
 from denoc_ros.cli.arguments import (
     add_json,
+    add_number,
     add_option,
     add_output,
     add_pairs,
@@ -59,7 +60,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     _add_mesh(parser)
     _add_matrices(parser)
     group = parser.add_argument_group('modes')
-    add_option(group, '--modes N', 'modes; default: 6', 6)
+    add_number(group, '--modes N', 6, 'modes', '', 1, 64)
     add_option(group, '--damping RATIO', 'damping ratio of each; default: 0.005', type=float)
     text = 'a mass at a frame that the modes are those of'
     add_pairs(group, '--tip-mass NAME=KG', text, float)
@@ -111,7 +112,8 @@ def _add_material(parser: argparse.ArgumentParser) -> None:
 def _add_mesh(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group('mesh')
     add_option(group, '--units', 'units of the mesh; a URDF says its own', choices=UNIT_NAMES)
-    add_option(group, '--scale S', 'metres per unit of the mesh', type=float)
+    text = 'metres per unit of the mesh'
+    add_number(group, '--scale S', float, text, positive=True, finite=True)
     add_option(
         group,
         '--edge L',
@@ -194,12 +196,8 @@ def _frames(args: argparse.Namespace, described: LinkDescription | None) -> Fram
             findings.append(f'--radius must be > 0 m, got {radius:g}')
         if name not in ('*', 'root', *outer):
             findings.append(f'--radius must name root or {", ".join(outer)}, got {name!r}')
-    if not 1 <= args.modes <= 64:
-        findings.append(f'--modes must be 1 to 64, got {args.modes}')
     if args.damping is not None and not 0.0 <= args.damping < 1.0:
         findings.append(f'--damping must be >= 0 and < 1, got {args.damping:g}')
-    if args.scale is not None and not 0.0 < args.scale < np.inf:
-        findings.append(f'--scale must be > 0, got {args.scale:g}')
     if args.scale is not None and args.units is not None:
         findings.append('--scale must come without --units, got both')
     require(findings)

@@ -13,21 +13,20 @@ from typing import Any
 from denoc_ros.bags.joint_table import TableTimes, bag_of_table
 from denoc_ros.bags.tables import is_table
 from denoc_ros.cli.arguments import (
+    TIMES,
     add_gravity,
     add_json,
     add_option,
     add_output,
     add_overrides,
     add_pairs,
-    add_setting,
-    add_stamp,
-    add_times,
+    add_row,
+    add_settings,
     number_range,
     overridden,
     require,
     settings_of,
     unused,
-    window_findings,
 )
 from denoc_ros.cli.progress import share_bar
 from denoc_ros.cli.verb_result import VerbResult
@@ -45,6 +44,7 @@ from denoc_ros.reports.provenance import named_file, named_text, provenance
 from denoc_ros.reports.replay import lines, page
 from denoc_ros.reports.run_files import EARTH, find_bag, read_session, recording_name
 from denoc_ros.runtime.predictor_parameters import TRACKER
+from denoc_ros.settings import declared
 
 DESCRIPTION = (
     'Read the joint states of a bag (MCAP or db3) or of a table, and compute the torque of the '
@@ -88,12 +88,11 @@ def _add_table(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group('tables')
     text = "column of a joint's position, velocity or effort"
     add_pairs(group, '--column JOINT.FIELD=COLUMN', text)
-    add_times(group)
+    add_settings(group, TableTimes, *TIMES)
 
 
 def _add_ways(parser: argparse.ArgumentParser) -> None:
     add_gravity(parser, None, "the run's, else 0 0 -9.81")
-    add_option(parser, '--topic', 'topic of the joint states (default: found)', '')
     add_option(
         parser,
         '--joint NAME',
@@ -101,30 +100,10 @@ def _add_ways(parser: argparse.ArgumentParser) -> None:
         'all); repeatable',
         [],
     )
-    add_option(parser, '--effort TOPIC', 'take the measured effort from this topic', '')
-    add_option(
-        parser,
-        '--base TOPIC',
-        'nav_msgs/Odometry with the motion of the base (default: base_motion, where the '
-        'base of the robot floats)',
-        '',
-    )
     text = 'beginning of joint names in the bag, and its replacement in the robot'
     add_pairs(parser, '--rename OLD=NEW', text)
-    add_option(
-        parser,
-        '--derivative',
-        'method for velocities and accelerations: local polynomials, or a Kalman smoother',
-        'filter',
-        choices=('filter', 'kalman'),
-    )
-    add_option(parser, '--cutoff HZ', 'bandwidth of this method, default 20', 20.0)
-    add_stamp(parser)
-    add_option(
-        parser,
-        '--fit-friction',
-        'fit viscous and Coulomb friction and an offset per joint to the measured effort',
-    )
+    own = ('--topic', '--effort TOPIC', '--base TOPIC', '--derivative', '--cutoff HZ')
+    add_settings(parser, ReplaySettings, *own, '--stamp', '--fit-friction')
 
 
 def _add_adaptation(parser: argparse.ArgumentParser) -> None:
@@ -137,8 +116,9 @@ def _add_adaptation(parser: argparse.ArgumentParser) -> None:
     )
     text = 'its bounds (default: half to one and a half of its value)'
     add_pairs(group, '--adapt-bounds PATH=LOW:HIGH', text, number_range)
-    for row in TRACKER.rows():
-        add_setting(group, row)
+    rows = declared(TrackerSettings)
+    for field, name in TRACKER.names.items():  # None: not given
+        add_row(group, f'--{name.replace("_", "-")} X', rows[field])
 
 
 def run(args: argparse.Namespace) -> VerbResult:
@@ -164,7 +144,7 @@ def run(args: argparse.Namespace) -> VerbResult:
     shown = page(replay, summary, robot, provenance(args.command, sources))
     replaced = ' (replaced)' if report.exists() else ''
     write_text(report, shown.html())
-    told = chain(lines(summary), [f'report  {report}{replaced}'])
+    told = chain(lines(shown, summary), [f'report  {report}{replaced}'])
     return VerbResult(
         {**summary, 'report': str(report)}, told, DOUBTFUL if summary['doubts'] else 0
     )
@@ -173,7 +153,6 @@ def run(args: argparse.Namespace) -> VerbResult:
 @contextmanager
 def _as_bag(args: argparse.Namespace, path: Path, robot: Robot) -> Iterator[Path]:
     """Yield the bag to be read: the one that was given, or one made of a table for now."""
-    require(window_findings(args))
     if not is_table(path):
         if args.column:
             raise BagError(f'{path}: --column must come with a table, got a bag')

@@ -25,12 +25,12 @@ from denoc_ros.cli.session_time import (
     Rehearsal,
     SimulatedTime,
     choose,
-    cores,
     feedback_refusal,
     idle_seconds,
 )
 from denoc_ros.cli.shaped_phases import asked_at_pace, motion_of
 from denoc_ros.control.plan import Plan
+from denoc_ros.dynamics.batch import cores
 from denoc_ros.dynamics.robot import load_robot
 from denoc_ros.runtime.torque import NO_JOINTS, STALE_JOINTS
 from denoc_ros.trajectories import Trajectory

@@ -213,11 +213,6 @@ def choose(rehearsal: Rehearsal, refusal: Callable[[float], str] = lambda _rate:
     )
 
 
-def cores() -> int:
-    """Return how many cores this process may use."""
-    return len(os.sched_getaffinity(0))
-
-
 def idle_seconds() -> float:
     """Return how long the cores that this process may use have been idle, all together [s]."""
     own = {f'cpu{core}' for core in os.sched_getaffinity(0)}

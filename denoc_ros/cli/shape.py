@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from denoc_ros.cli.arguments import (
     add_gravity,
     add_json,
+    add_number,
     add_option,
     add_output,
     add_overrides,
@@ -119,7 +120,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         'method tip and rest_to_rest: the timing is free, in the least time within the limits',
     )
     add_json(parser)
-    add_option(parser, '--interval S', 'time between rows; default: 0.02', 0.02)
+    add_number(parser, '--interval S', 0.02, 'time between rows', 's', positive=True, finite=True)
     add_gravity(parser, None, "the motion file's, else 0 0 -9.81")
     add_overrides(parser)
     _add_limits(parser)
@@ -197,8 +198,6 @@ def _findings(args: argparse.Namespace) -> list[str]:
     found = []
     if args.output.suffix not in ('.yaml', '.yml', '.csv'):
         found.append(f'--output must end in .yaml or .csv, got {args.output.name!r}')
-    if not 0.0 < args.interval < float('inf'):
-        found.append(f'--interval must be > 0 s, got {args.interval}')
     if args.method != 'tip':
         given = [name for name in TIP_ONLY if getattr(args, name) is not None]
         found += [f'--{name} is for --method tip, got {args.method}' for name in given]

@@ -14,6 +14,7 @@ from tqdm import tqdm
 
 from denoc_ros.cli.arguments import (
     add_json,
+    add_number,
     add_option,
     add_output,
     add_pairs,
@@ -138,8 +139,6 @@ def summarize(robot: Robot, result: Run) -> dict[str, Any]:
 def run_varied(args: argparse.Namespace) -> VerbResult:
     """Run `denoc simulate` with --vary; exit status 1 when no run came to its end."""
     ranges = args.vary
-    if args.runs < 1:
-        raise ConfigError('--runs', [f'it must be >= 1, got {args.runs}'])
     robot, _, text = load(args.robot, args.scenario)
     for corner in (0, 1):
         robot.with_overrides({path: ends[corner] for path, ends in ranges.items()})
@@ -277,7 +276,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         number_range,
         form='PATH=LOW:HIGH with LOW <= HIGH',
     )
-    add_option(varied, '--runs N', 'number of runs; default: 100', 100)
+    add_number(varied, '--runs N', 100, 'number of runs', '', 1)
     add_option(varied, '--seed', 'seed of the draws; default: 0', 0)
     add_worker_options(varied)
 

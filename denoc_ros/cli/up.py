@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from denoc_ros.bags.series import read_joint_states
-from denoc_ros.cli.arguments import add_json, add_option
+from denoc_ros.cli.arguments import add_json, add_number, add_option
 from denoc_ros.cli.config import AUTO, REAL, SIMULATED, TIMES, SessionConfig, load_config
 from denoc_ros.cli.interrupts import Interrupts
 from denoc_ros.cli.node_parameters import check_parameters, session_plant
@@ -63,7 +63,8 @@ class SessionRun:
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
     add_option(parser, 'config CONFIG.yaml', 'configuration file of the session')
-    add_option(parser, '--duration S', 'duration of each phase [s]', type=float)
+    text = 'duration of each phase'
+    add_number(parser, '--duration S', float, text, 's', positive=True, finite=True)
     add_option(
         parser,
         '--record',
@@ -110,8 +111,6 @@ def _configured(args: argparse.Namespace) -> SessionConfig:
     """Return the session's configuration, changed as the arguments say."""
     config = load_config(args.config, args.set)
     if args.duration is not None:
-        if not 0.0 < args.duration < float('inf'):
-            raise ConfigError('--duration', [f'it must be a number > 0 s, got {args.duration}'])
         config = dataclasses.replace(config, duration=args.duration)
     if args.time is not None:
         config = dataclasses.replace(config, time=args.time)

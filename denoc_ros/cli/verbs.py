@@ -43,8 +43,9 @@ STUDIES = ('dh', 'stability', 'bench')
 
 # module of an action, in denoc_ros
 ACTION_MODULES = {
-    **dict.fromkeys(('info', 'segment', 'modal', 'joint', 'forced'), 'cli.identify_records'),
-    'servo': 'cli.identify_servo',
+    **dict.fromkeys(
+        ('info', 'segment', 'modal', 'joint', 'forced', 'servo'), 'cli.identify_records'
+    ),
     **dict.fromkeys(('model', 'excite'), 'cli.identify_model'),
     **dict.fromkeys(('apply', 'compare', 'postures'), 'cli.identify_results'),
     'selftest': 'studies.selftest',

@@ -28,6 +28,9 @@ LARGEST = 1e3  # m or rad, and per s: no deviation is that large
 AGEING = 0.02  # weight of the newest values' age in the usual one
 BRIEF = 0.025  # s of a pause that leaves no more than the gains of every period undo
 DOUBTED = 0.3  # of what held torque did in a pause: so far the model may be off
+# s after which the gains of a settled filter have undone the noise of the estimate's first values:
+# before, it would be learned for errors of the model
+SETTLES = 0.8
 BEGINS = 1.0  # s in which an estimate that begins may contradict all sensors
 BLAMED = 1.0  # s after a fault was found, in which the sensor beside it may have been blamed
 REGAIN = 0.2  # s of good values until the estimate is believed again
@@ -307,6 +310,7 @@ class DeviationFilter:
         self._fresh, self._began = False, now
         if self.errors is not None:
             self.errors.forget_deviations()
+            self.errors.doubt(self.time, SETTLES)
         self._agree(gains)
 
     def _agree(self, gains: PostureGains) -> None:

@@ -30,21 +30,21 @@ REACH = 0.2  # errors at which plans of other robots are made
 AFTER = 2.0  # s after the end of the motion that such a plan may use
 PAIRED = 4  # errors of which all pairs are tried; of more each alone
 LIKELY = 0.2  # standard deviation of an error before anything is measured
-NONE = 10.0  # how much likelier than one of that size no error is, before anything is measured
+NONE = 10.0  # how much likelier than errors of that size none is, before anything is measured
 LARGEST = 0.4  # error that is believed
 GATE = 4.0  # of the innovations' spread: beyond it something else was at work
 # where sensors are checked, an offset is found otherwise, and ten channels pass 4 too often
 CHECKED_GATE = 5.0
 QUIET = 0.3  # s after a pause of the loop in which its trace is not taken for an error's
-ENTERS = 0.03  # s over which an error comes in
+ENTERS = 0.05  # s, each of two lags by which errors come in
 HISTORY = 256  # periods over which values may be late
 KEPT, APART = 3, 0.1  # estimates of the past that are kept, and the time between them [s]
 RECENT = 0.15  # s of innovations in which a sensor that contradicts the others shows
 EVERY = 0.004  # s between such tests
 # chi-squared of an offset of one sensor's values: beyond it the sensor is faulty, within it the
 # sensor agrees
-FAULTY, AGREES = 20.0, 9.0
-CLEAR = 9.0  # chi-squared by which it is more likely to be faulty than any other
+FAULTY, AGREES = 40.0, 9.0
+CLEAR = 18.0  # chi-squared by which it is more likely to be faulty than any other
 CLIP = 4.0  # standard deviations by which one value counts, and more if that before it did
 SCALE = 0.1  # error of a sensor's scale that must have shown until it is heard again
 # s over which deviations are averaged that show errors by what the robot makes of them: their
@@ -211,8 +211,10 @@ class ErrorEstimate:
     its tip where it was: deviations stay small however wrong the model is. The filter is then off
     by `seen` @ (errors - used). The gains stay as they are.
 
-    A combination z of errors with variance v counts by its posterior probability beside none,
-    1 / (1 + n exp(-z^2 / 2 v) s / sqrt(v)), with n, s the constants `NONE` and `LIKELY`.
+    Errors z (e,) with covariance P count by their posterior probability beside none at all,
+    1 / (1 + n exp(-z' P^-1 z / 2) s^e / sqrt(det P)), with n, s the constants `NONE` and `LIKELY`.
+    They enter through two lags, which leave out the modes that the design takes for damped: these
+    would ring, and what rings would be learned for an error.
 
     A second estimate of the deviations, which nothing feeds back, shows the errors by its
     innovations: it allows for less that nobody knows than the filter of a loop must.
@@ -241,8 +243,8 @@ class ErrorEstimate:
     values : (errors,) array
         As estimated: of each beam's (spring's) compliance, then of the load.
     used : (errors,) array
-        On which plan and filter rely: their independent combinations, each by how likely it is
-        beside none, followed smoothly.
+        On which plan and filter rely: the values by how likely they are beside none, followed
+        smoothly.
     seen : (e, errors) array
         How far the filter's estimate is from the truth, by unit errors.
     faulty : (sensors,) bool array
@@ -265,7 +267,7 @@ class ErrorEstimate:
         self._errors, self._period = errors, period
         measured, size = gains.measured.shape
         count = errors.count
-        self.values, self.used = np.zeros((2, count))
+        self.values, self.used, self._entering = np.zeros((3, count))
         self.seen: Array = np.zeros((size, count))
         self._covariance: Array = LIKELY**2 * np.eye(count)
         self._quiet = -np.inf
@@ -301,7 +303,7 @@ class ErrorEstimate:
 
     def reset(self) -> None:
         """Forget the errors and the faults."""
-        self.values[:] = self.used[:] = 0.0
+        self.values[:] = self.used[:] = self._entering[:] = 0.0
         self._covariance = LIKELY**2 * np.eye(len(self.values))
         self._past.clear()
         self.faulty[:], self.heard[:], self._agreed[:] = False, True, 0.0
@@ -334,6 +336,7 @@ class ErrorEstimate:
         self._bank[..., 0] = state[:, None]
         if other is not None and other._bank.shape == self._bank.shape:
             self.values[:], self.used[:], self.seen[:] = other.values, other.used, other.seen
+            self._entering[:] = other._entering
             self._covariance, self._past = other._covariance, other._past
             self._away = other._away
             self._bank, self._shift, self._expected = other._bank, other._shift, other._expected
@@ -533,11 +536,12 @@ class ErrorEstimate:
         self._covariance = self._covariance + WALK**2 * self._period * np.eye(len(self.values))
         believed = self.values
         if len(self.faulty):
-            variances, ways = np.linalg.eigh(self._covariance)
-            along = ways.T @ self.values
-            likely = along**2 / variances - np.log((NONE * LIKELY) ** 2 / variances)
-            believed = ways @ (along * expit(0.5 * likely))
-        change = self._period / (self._period + ENTERS) * (believed - self.used)
+            size = np.linalg.slogdet(self._covariance / LIKELY**2)[1]
+            square = self.values @ np.linalg.solve(self._covariance, self.values)
+            believed = self.values * expit(0.5 * (square + size) - math.log(NONE))
+        share = self._period / (self._period + ENTERS)
+        self._entering += share * (believed - self._entering)
+        change = share * (self._entering - self.used)
         self.used += change
         state += self.seen @ change
         self._bank[..., 0] += self._bank[..., 1:] @ change

@@ -119,7 +119,6 @@ def on_base(robot: HasBase, verb: Callable[..., Result], given: Mapping[str, Any
 
     Parameters
     ----------
-    verb : callable
     given : mapping of str
         Its arguments by name, as locals() has them at its start: `self` is left out, and `base`,
         (twist, acceleration[, pose]): one motion, or one for each row of the states.

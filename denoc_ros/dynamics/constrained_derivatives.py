@@ -121,10 +121,6 @@ class DifferentiableMechanism(DifferentiableModel):
         base : (twist, acceleration[, pose]), optional
             A base that moves, as of :meth:`Robot.inverse_dynamics`; its motion stays as it is.
 
-        Returns
-        -------
-        ConstrainedForwardDerivatives
-
         Raises
         ------
         StateError

@@ -24,10 +24,6 @@ COMPONENTS = ('ux', 'uy', 'uz', 'rx', 'ry', 'rz')
 class TipDeflections:
     """Displacement and rotation of every flexible link's tip, and their rates.
 
-    Parameters
-    ----------
-    robot : Robot
-
     Attributes
     ----------
     links : tuple of str
@@ -106,7 +102,6 @@ class CentreLine:
 
     Parameters
     ----------
-    robot : Robot
     link : str
         A flexible one.
     stations : (s,) array

@@ -209,7 +209,6 @@ def impulse_response(robot: DifferentiableModel, q: Array, free: Int, jump: Arra
 
     Parameters
     ----------
-    robot : Robot
     q : (n,)
     free : (f,) int array
         Coordinates that no impulse acts on.

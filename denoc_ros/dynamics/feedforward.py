@@ -30,26 +30,13 @@ SEARCHES = 50  # updates at most that go on with one search for an equilibrium
 
 @dataclass(frozen=True)
 class Terms:
-    """Which parts of the torque are wanted.
+    """Which parts of the torque are wanted."""
 
-    Attributes
-    ----------
-    inertia : bool
-        What accelerations need.
-    coriolis : bool
-        What rates need: centrifugal and Coriolis.
-    gravity : bool
-        What weight needs.
-    friction : bool
-        The joints' viscous damping and Coulomb friction.
-    elastic : bool
-        What deflection changes: without it amplitudes count as zero and the rest is as rigid.
-    """
-
-    inertia: bool = True
-    coriolis: bool = True
-    gravity: bool = True
-    friction: bool = True
+    inertia: bool = True  # for accelerations
+    coriolis: bool = True  # for rates: centrifugal and Coriolis
+    gravity: bool = True  # for weight
+    friction: bool = True  # the joints' viscous damping and Coulomb friction
+    # change by deflection: without it amplitudes count as zero and the rest is as rigid
     elastic: bool = True
 
     @classmethod
@@ -75,7 +62,6 @@ class TorqueFeedforward:
         rigid: the book's, links taken as rigid; flexible: the joints move as desired while the
         amplitudes move freely (hybrid dynamics, integrated alongside); quasi_static: the
         amplitudes stand in equilibrium with gravity.
-    terms : Terms
     step : float
         Longest step of the integration alongside [s].
     held : mapping of str to float, optional
@@ -217,12 +203,15 @@ class TorqueFeedforward:
 
     def _update(self, q: Array, qd: Array, qdd: Array, elapsed: float) -> Array:
         if self._moves and self._settled and 0.0 <= elapsed <= LONGEST_GAP:
-            self._integrate(qdd, elapsed)
             if self._at_once:
-                self._stepper.torque((q, qd, qdd), self.q, self.qd, self.qdd, self._result)
+                self._stepper.torque(
+                    (q, qd, qdd), self.q, self.qd, self.qdd, self._result, self._given, elapsed,
+                    self._count(elapsed),
+                )  # fmt: skip
                 if self._motors.any:
                     self._motors.add(self._result, (qd, qdd), elapsed)
                 return self._result
+            self._integrate(qdd, elapsed)
             self._place(q, qd, qdd)
             if self._base.floats and self._base.twist is not None:
                 self._base.rates(self.q, self.qd)
@@ -292,11 +281,16 @@ class TorqueFeedforward:
         after = self.motion.given_accelerations(qdd)
         if elapsed > 0.0:
             np.subtract(after, given, out=change)
-            count = min(self.substeps, max(1, round(elapsed / self.step)))
-            self._stepper.drive(self.q, self.qd, given, change, elapsed, count)
+            self._stepper.drive(self.q, self.qd, given, change, elapsed, self._count(elapsed))
         given[:] = after
         if elapsed > 0.0 and self._base.floats:
             self._base.wrap(self.q, self.qd)
+
+    def _count(self, elapsed: float) -> int:
+        """Return the number of steps of an interval [s]."""
+        if not elapsed > 0.0:
+            return 0
+        return min(self.substeps, round(elapsed / self.step) or 1)
 
     def _react(self, elapsed: float) -> None:
         """Move a floating base beside a motion whose amplitudes are given."""

@@ -42,33 +42,20 @@ class Swing:
 
 @dataclass(frozen=True)
 class LoopResponse:
-    """Response from a joint's torque to an output, at one posture.
-
-    Attributes
-    ----------
-    input, output : str
-    unit : str
-        Of the response.
-    collocated : bool
-        The output is the very joint that is driven.
-    q : (n,) array
-    poles, zeros : complex arrays [rad/s]
-    frequencies : (k,) array [Hz]
-    response : (k,) complex array
-    opposed : tuple of Swing
-        Modes that the output shows in the phase opposite to that of its lowest motion: rate
-        feedback that damps the one drives the others.
-    """
+    """Response from a joint's torque to an output, at one posture."""
 
     input: str
     output: str
-    unit: str
-    collocated: bool
-    q: Array
+    unit: str  # of the response
+    collocated: bool  # the output is the very joint that is driven
+    q: Array  # (n,)
+    # [rad/s]
     poles: Complex
     zeros: Complex
-    frequencies: Array
-    response: Complex
+    frequencies: Array  # (k,) [Hz]
+    response: Complex  # (k,)
+    # modes that the output shows in the phase opposite to that of its lowest motion: rate feedback
+    # that damps the one drives the others
     opposed: tuple[Swing, ...]
 
     @property
@@ -173,7 +160,6 @@ def loop_response(
 
     Parameters
     ----------
-    robot : Robot
     q : (n,)
         In equilibrium, closed where there are loops.
     drive : joint name

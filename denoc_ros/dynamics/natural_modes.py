@@ -67,7 +67,6 @@ def independent_joints(robot: DifferentiableModel, q: Array) -> tuple[str, ...]:
 
     Parameters
     ----------
-    robot : DifferentiableModel
     q : (n,) array
         A closed configuration.
 
@@ -97,15 +96,10 @@ def mechanism_modes(robot: DifferentiableModel, q: Array, held: Sequence[str]) -
 
     Parameters
     ----------
-    robot : DifferentiableModel
     q : (n,) array
         A closed configuration at rest, in equilibrium for exact load stiffness.
     held : names of joints
         The others move as the loops let them.
-
-    Returns
-    -------
-    NaturalModes
 
     Notes
     -----

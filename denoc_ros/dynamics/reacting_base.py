@@ -33,6 +33,8 @@ class ReactingBase:
 
     Attributes
     ----------
+    floats : bool
+        Whether there is a floating base.
     twist : (6,) array or None
         Measured velocity of the base's origin and angular velocity, in the axes of the link on
         the floating joint; None: the momentum is zero.
@@ -47,15 +49,11 @@ class ReactingBase:
     def __init__(self, robot: Robot) -> None:
         self.robot = robot
         self.index = robot.base_indices
+        self.floats = len(self.index) > 0
         self._rest = np.setdiff1d(np.arange(robot.n), self.index)
         self._inertia = np.zeros((robot.n, robot.n))
         self._force = np.zeros(robot.n)
         self.twist: Array | None = None
-
-    @property
-    def floats(self) -> bool:
-        """Whether there is a floating base."""
-        return len(self.index) > 0
 
     def require_none(self, where: str) -> None:
         """Raise StateError for a floating base, where a known motion is needed."""

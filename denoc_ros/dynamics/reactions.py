@@ -37,7 +37,6 @@ def reactions(
 
     Parameters
     ----------
-    robot : Robot
     q, qd, qdd : (n,) arrays
     multipliers : (rows,) array, optional
         Of the loops; needed where there are any.

@@ -53,7 +53,6 @@ class Workspace:
 
     Parameters
     ----------
-    arrays : ModelArrays
     constants : (constants,)
         The model's constants; shared, so that a payload set live is seen by all.
     link_side : ndarray, optional
@@ -236,8 +235,10 @@ class RobotModel:
         self.coordinate_names = arrays.coordinate_names
         self.joint_indices = arrays.joint_indices
         self.base_indices = arrays.base_indices
-        self.free_indices = np.setdiff1d(np.arange(self.n), self.joint_indices)
-        self.flexible_indices = np.setdiff1d(self.free_indices, self.base_indices)
+        self.free_indices = np.delete(np.arange(self.n), self.joint_indices)
+        self.flexible_indices = np.delete(
+            np.arange(self.n), np.concatenate([self.joint_indices, self.base_indices])
+        )
         self._constants: Array = arrays.constants.copy()
         self._base: BaseMotion | None = None
         self._link_side: Array | None = None  # the constants of the robot without springs

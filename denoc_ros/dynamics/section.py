@@ -26,7 +26,6 @@ class Section:
 
     Parameters
     ----------
-    beam : Beam
     station : float [m], clamped to [0, length]
     geometric_stiffness : bool
         False leaves the foreshortening u_x out.
@@ -247,7 +246,6 @@ class ComponentSection:
 
     Parameters
     ----------
-    link : ReducedLink
     name : str
         Of the frame.
     geometric_stiffness : bool

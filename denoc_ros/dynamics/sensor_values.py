@@ -22,6 +22,7 @@ from denoc_ros.dynamics.base_motion import Base, on_base
 from denoc_ros.dynamics.batch import run_rows
 from denoc_ros.dynamics.constrained_derivatives import DifferentiableMechanism
 from denoc_ros.dynamics.kinematic_derivatives import KinematicDerivatives
+from denoc_ros.dynamics.robot_model import with_numbers_of
 from denoc_ros.dynamics.rotations import cross_matrices
 from denoc_ros.dynamics.structure import body_amplitudes
 from denoc_ros.dynamics.validation import as_states, same_rows
@@ -34,6 +35,7 @@ from denoc_ros.types import Array
 
 Cut = tuple[float, int]  # station on the body's beam [m]; HINGE or STEP
 Cuts = dict[tuple[int, str], list[Cut]]  # by body and direction
+CutRobots = dict[tuple[tuple[int, str, tuple[Cut, ...]], ...], DifferentiableMechanism]
 
 
 class OutboardLoads:
@@ -57,7 +59,7 @@ class OutboardLoads:
     are not in L.
     """
 
-    def __init__(self, robot: DifferentiableMechanism) -> None:
+    def __init__(self, robot: SensorValues) -> None:
         self._sensors = [
             (place, sensor, _cut(robot.tree, sensor))
             for place, sensor in enumerate(robot.tree.sensors)
@@ -67,8 +69,7 @@ class OutboardLoads:
         for _, sensor, cut in self._sensors:
             if cut not in (known := self._cuts[sensor.body, sensor.direction]):
                 known.append(cut)
-        tree = _cut_tree(robot.tree, self._cuts)
-        self._cut = type(robot)(tree, robot.gravity, robot.geometric_stiffness)
+        self._cut = _cut_robot(robot, self._cuts)
         names = self._cut.coordinate_names
         self._index = np.array([names.index(name) for name in robot.coordinate_names], dtype=int)
         self._payloads: dict[str, Array] = {}
@@ -182,12 +183,25 @@ def _cut_tree(tree: Tree, cuts: Cuts) -> Tree:
     return replace(tree, bodies=tuple(bodies), sensors=())
 
 
+def _cut_robot(robot: SensorValues, cuts: Cuts) -> DifferentiableMechanism:
+    """Return a robot with cuts; its arrays are built once for all that differ in numbers alone."""
+    tree = _cut_tree(robot.tree, cuts)
+    key = tuple((*beam, tuple(own)) for beam, own in cuts.items())
+    built = robot._cut_robots.get(key)
+    if built is None:
+        built = type(robot)(tree, robot.gravity, robot.geometric_stiffness)
+        robot._cut_robots[key] = built
+    return with_numbers_of(built, tree)
+
+
 class SensorValues(DifferentiableMechanism, KinematicDerivatives):
     """Predicted values of gauges, load cells, deflection sensors, IMUs and accelerometers."""
 
     def _adopt(self, arrays: ModelArrays) -> None:
         super()._adopt(arrays)
         self._outboard: OutboardLoads | None = None  # of this robot alone: it has a workspace
+        # shared by robots that differ in numbers alone
+        self._cut_robots: CutRobots = self.__dict__.get('_cut_robots', {})
 
     @property
     def sensor_names(self) -> tuple[str, ...]:

@@ -24,40 +24,23 @@ DOUBTFUL = 0.02  # share of the compliance, or of a frequency, that calls for a 
 
 @dataclass(frozen=True)
 class ShapeLoss:
-    """Errors of one deformation of a beam at a station, as shares.
-
-    Attributes
-    ----------
-    link, direction, shape : str
-        Direction y, z or torsion.
-    modes : int
-    at : str
-        `tip`, or what hangs there.
-    station : float
-        On the beam [m].
-    force : float or None
-        Share of the deflection under a force there that is missing; None for torsion, for shapes
-        that do not clamp the root, and for segments.
-    moment : float or None
-        Share of the rotation under a moment or torque there that is missing.
-    frequency : float
-        Largest relative error of the robot's lowest natural frequencies, joints held at zero, that
-        goes away when this beam alone is divided in `FINER` segments: as many frequencies as
-        there are flexible links.
-    remedy : str
-        Empty where nothing is lost that matters to what hangs there.
-    """
+    """Errors of one deformation of a beam at a station, as shares."""
 
     link: str
-    direction: str
+    direction: str  # y, z or torsion
     shape: str
     modes: int
-    at: str
-    station: float
+    at: str  # `tip`, or what hangs there
+    station: float  # on the beam [m]
+    # shares that are missing: of the deflection under a force there (None for torsion, for shapes
+    # that do not clamp the root, and for segments), of the rotation under a moment or torque there
     force: float | None
     moment: float | None
+    # largest relative error of the robot's lowest natural frequencies, joints held at zero, that
+    # goes away when this beam alone is divided in `FINER` segments: as many frequencies as there
+    # are flexible links
     frequency: float | None
-    remedy: str
+    remedy: str  # empty where nothing is lost that matters to what hangs there
 
 
 def shape_losses(robot: Robot) -> list[ShapeLoss]:

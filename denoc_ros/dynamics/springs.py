@@ -1,4 +1,4 @@
-"""Springs of elastic joints: their forces at a state, and s, s', s'' from what gears give out.
+"""Springs of elastic joints: forces at a state, and s, s', s'' from the gears' output torque.
 
 Force and torque balance at the gear, f(s) + d s' = -t, whatever the rotor does.
 """
@@ -67,7 +67,6 @@ class GearSprings:
 
     Parameters
     ----------
-    springs : sequence of Spring
     cutoff : float
         Bandwidth of the filter on the torques [Hz].
 
@@ -143,7 +142,6 @@ def next_deflection(spring: Spring, before: float, force: float, drag: float) ->
 
     Parameters
     ----------
-    spring : Spring
     before : float [rad, m]
     force : float [N m, N]
     drag : float

@@ -87,8 +87,8 @@ class Stepper:
             return
         none = self._nowhere
         status = self._drive(
-            self.robot.handle, self._steps, self._zero, none, none, none, tau, self._given, q, qd,
-            self.step, 1,
+            self.robot.handle, self._steps, self._zero, none, none, none, tau, self._given,
+            q, qd, q, qd, self.step, 1,
         )  # fmt: skip
         if status != GOOD:
             raise_step_status(self.robot, status, q, qd, tau)
@@ -115,6 +115,7 @@ class Stepper:
         duration: float,
         count: int,
         tau: Array | None = None,
+        start: tuple[Array, Array] | None = None,
     ) -> None:
         """Advance q and qd (n,) in place by several steps as :meth:`driven` does by one.
 
@@ -130,15 +131,19 @@ class Stepper:
             Steps.
         tau : (n,) array, optional
             As of :meth:`driven`.
+        start : pair of (n,) arrays, optional
+            State to begin from, instead of what is in q and qd.
         """
+        q_before, qd_before = start or (q, qd)
         if self._tied:
+            q[:], qd[:] = q_before, qd_before
             self.step = duration / count
             for k in range(count):
                 self.driven(q, qd, first + (k + 0.5) / count * change, tau)
             return
         force = self._zero if tau is None else tau
         before = self.robot.handle, self._steps, self._held, self._places
-        after = force, self._given, q, qd, duration, count
+        after = force, self._given, q_before, qd_before, q, qd, duration, count
         status = self._drive(*before, first, change, *after)
         if status == MISFIT:  # lists, say, or views
             status = self._drive(*before, *as_rows(first, change), *after)
@@ -146,9 +151,19 @@ class Stepper:
             raise_step_status(self.robot, status, q, qd, force)
 
     def torque(
-        self, motion: tuple[Array, Array, Array], q: Array, qd: Array, qdd: Array, out: Array
+        self,
+        motion: tuple[Array, Array, Array],
+        q: Array,
+        qd: Array,
+        qdd: Array,
+        out: Array,
+        first: Array | None = None,
+        duration: float = 0.0,
+        count: int = 0,
     ) -> None:
         """Write the torque (driven,) of a motion of the driven joints, and all accelerations.
+
+        Before that, advance to the motion by several steps, as :meth:`drive` does.
 
         Not for robots with constraints.
 
@@ -161,17 +176,22 @@ class Stepper:
             accelerations.
         out : (driven,) array
             Output [N m or N].
+        first : (driven,) array, optional
+            Accelerations before the steps; output: those of the motion.
+        duration, count : float, int
+            Of all steps together [s], and how many there are.
 
         Raises
         ------
         StateError
             A number is not finite.
         """
-        room = q, qd, qdd, self._given, out
-        status = self._torques(self.robot.handle, self._held, self._places, *motion, *room)
+        begin = self._unmoved.copy() if first is None else first
+        before = self.robot.handle, self._steps, self._held, self._places, begin
+        after = self._zero, self._room, q, qd, qdd, out, duration, count
+        status = self._torques(*before, *motion, *after)
         if status == MISFIT:  # lists, say, or views
-            rows = as_rows(*motion)
-            status = self._torques(self.robot.handle, self._held, self._places, *rows, *room)
+            status = self._torques(*before, *as_rows(*motion), *after)
         if status != GOOD:
             raise_step_status(self.robot, status, q, qd, *motion)
 
@@ -189,7 +209,6 @@ class Stepper:
             As `numbers` and `state` of :func:`denoc_ros.kernels.driven_step.take_measurement`.
         measured : pair of (driven,) arrays
             Positions and, if `has_rate`, rates.
-        has_rate : bool
         tau, q, qd : (n,) arrays
             Generalized forces, and the state: in place.
         """
@@ -294,7 +313,6 @@ class StepsAlong:
             Of each row from the one before [s].
         accelerations : (2, k, n) array
             Mean of the joints' over each interval, and slope about its middle, 0 elsewhere.
-        first, last : int
 
         Raises
         ------
@@ -327,7 +345,6 @@ def with_joint_feedback(
 
     Parameters
     ----------
-    robot : Robot
     index : (k,) int array
         Coordinates of the joints.
     kp, kd : (k,) or scalar

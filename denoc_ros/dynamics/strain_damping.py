@@ -30,7 +30,6 @@ class StrainDamping:
 
     Parameters
     ----------
-    robot : Robot
     joints : sequence of str
         Driven joints, in the order of all arrays here.
     gains : (joints,)

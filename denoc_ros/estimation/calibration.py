@@ -74,10 +74,6 @@ def calibrate(raw: ArrayLike, reference: ArrayLike, deviation: float = math.nan)
     deviation : float
         Standard deviation of a single reading, where known [raw].
 
-    Returns
-    -------
-    Calibration
-
     Raises
     ------
     StateError
@@ -246,7 +242,6 @@ def sensor_values(robot: Robot, sensor: str, reference: ArrayLike, kind: str = '
 
     Parameters
     ----------
-    robot : Robot
     sensor : str
         Its name.
     reference : (k,) array
@@ -348,7 +343,6 @@ def calibrate_mounting(
 
     Parameters
     ----------
-    robot : Robot
     sensor : str
         Name of an IMU or accelerometer.
     q, qd, qdd : (k, n) arrays
@@ -454,7 +448,6 @@ def read_motion(
     ----------
     path : str
         The bag, with joint states and the sensor's topic.
-    robot : Robot
     name : str
         The sensor's.
     where : str

@@ -87,7 +87,6 @@ class StrainFusion:
         The model; worked on as a copy.
     step : float
         Step of the covariance [s].
-    settings : FusionSettings
     max_age : float
         Values older than this against the joints' motion [s] are refused.
     free : int array, optional
@@ -455,10 +454,6 @@ class InertialRows:
 
     Forces on the amplitudes that the model leaves out are f + P e, e shares of the elastic forces
     and of what the loads at the ends of the robot take.
-
-    Parameters
-    ----------
-    robot : Robot
 
     Attributes
     ----------

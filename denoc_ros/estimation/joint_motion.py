@@ -133,9 +133,8 @@ class LocalPolynomials:
         is_told = spread[:, 0] > ILL * spread[:, -1]
         self._weights = np.zeros((len(t), 3, powers.shape[1]))
         kept = min(3, len(degrees))
-        self._weights[is_told, :kept] = np.linalg.solve(
-            normal[is_told], np.swapaxes(powers[is_told], 1, 2)
-        )[:, :kept]
+        rows = np.linalg.solve(normal[is_told], np.eye(len(degrees))[:, :kept])
+        self._weights[is_told, :kept] = np.swapaxes(powers[is_told] @ rows, 1, 2)
         self._weights[~is_told, :kept] = np.linalg.pinv(powers[~is_told], np.sqrt(ILL))[:, :kept]
 
     def __call__(self, y: Array) -> tuple[Array, Array, Array]:
@@ -168,7 +167,10 @@ def _windows(t: Array, half: int, period: float) -> tuple[NDArray[np.int64], Arr
     scale = 0.5 * (t[first + own - 1] - t[first])[:, None]
     scale = np.where(own[:, None] > 1, scale, period)
     degrees = np.arange(min(DEGREE, width - 1) + 1)
-    powers = ((t[rows] - t[:, None]) / scale)[..., None] ** degrees
+    times = (t[rows] - t[:, None]) / scale
+    powers = np.ones((*times.shape, len(degrees)))
+    for degree in degrees[1:]:
+        powers[..., degree] = powers[..., degree - 1] * times
     powers *= (np.arange(width) < own[:, None])[..., None] & (degrees < own[:, None, None])
     return rows, powers, scale
 

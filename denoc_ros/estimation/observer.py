@@ -20,7 +20,7 @@ from denoc_ros.errors import SolverError
 from denoc_ros.estimation.fusion import StrainFusion
 from denoc_ros.estimation.observer_settings import ObserverSettings
 from denoc_ros.estimation.tracking import TrackingFilter, joining_acceleration
-from denoc_ros.kernels.driven_step import INTERVAL, MEASURED, POLE, SHARE, SHORTEST, STEP
+from denoc_ros.kernels.driven_step import BANDWIDTH, INTERVAL, MEASURED, SHORTEST, STEP
 from denoc_ros.kernels.driven_step import MOST_STEPS as MOST
 from denoc_ros.types import Array
 
@@ -123,6 +123,7 @@ class Observer:
             self.robot.beyond_shapes(self.q, self.q, self.q)
         # numbers of a measurement, as kernels take them
         self._numbers = np.zeros(MEASURED)
+        self._numbers[BANDWIDTH] = self._filter.bandwidth
         self._numbers[SHORTEST] = 2.5 * settings.step  # of several ticks
         self._numbers[STEP], self._numbers[MOST] = settings.step, MOST_STEPS
         self._still = np.zeros(len(self.motion.given))
@@ -186,7 +187,12 @@ class Observer:
             return False
         interval = stamp - self._stamp
         if self._simple and self.base is None and interval <= LONGEST_GAP:
-            self._measure_at_once(q, qd, interval)
+            rates = q if qd is None else qd
+            self._numbers[INTERVAL] = interval
+            self._stepper.measure(
+                self._numbers, self._filter.state, (q, rates), qd is not None,
+                self._tau, self._q, self._qd,
+            )  # fmt: skip
             self._stamp = stamp
             if effort is not None:
                 self.take_effort(effort)
@@ -199,16 +205,6 @@ class Observer:
         self.take_effort(effort)
         self._follow_springs(before, interval)
         return True
-
-    def _measure_at_once(self, q: Array, qd: Array | None, interval: float) -> None:
-        """Take a measurement of a robot where joints give all: one compiled call."""
-        numbers, tracked, has_rate = self._numbers, self._filter, qd is not None
-        numbers[INTERVAL] = interval
-        numbers[POLE], numbers[SHARE] = tracked.weights(interval)
-        rates = q if qd is None else qd
-        self._stepper.measure(
-            numbers, tracked.state, (q, rates), has_rate, self._tau, self._q, self._qd
-        )
 
     def _follow_springs(self, before: tuple[Array, Array], interval: float) -> None:
         """Let the springs behind measured joints go on from a state (n,) before to this one."""
@@ -403,13 +399,15 @@ class Observer:
         if self._floating.floats:
             self._floating.wrap(q, qd)
 
-    def _coast(self, q: Array, qd: Array, duration: float, most: int) -> None:
-        """Advance a state in place with the joints' accelerations as last measured."""
+    def _coast(
+        self, start: tuple[Array, Array], q: Array, qd: Array, duration: float, most: int
+    ) -> None:
+        """Advance from a state to q and qd with the joints' accelerations as last measured."""
         steps = math.ceil(duration / self._step - 1e-6)
         if steps > most:
             steps = most
         given = self.motion.given_accelerations(self._filter.qdd)
-        self._stepper.drive(q, qd, given, self._still, duration, steps or 1, self._tau)
+        self._stepper.drive(q, qd, given, self._still, duration, steps or 1, self._tau, start)
         if self._floats:
             self._floating.wrap(q, qd)
 
@@ -433,15 +431,15 @@ class Observer:
         self._fuse()
         stamp, q, qd, most = self._stamp, self.q, self.qd, self._horizon_steps
         self.time = now if now > stamp else stamp
-        q[:], qd[:] = self._q, self._qd
         lead = now - stamp
         if lead > self._max_age:
             lead = self._max_age
+        if lead > 0.0 and self.fusion is None and self.base is None:
+            self._coast((self._q, self._qd), q, qd, lead, most)
+            return
+        q[:], qd[:] = self._q, self._qd
         if lead > 0.0:
-            if self.fusion is None and self.base is None:
-                self._coast(q, qd, lead, most)
-            else:
-                self._go(self.q, self.qd, self._stamp, lead, lambda _: self._filter.qdd, most=most)
+            self._go(q, qd, stamp, lead, lambda _: self._filter.qdd, most=most)
 
     def modal_state(self, out: tuple[Array, Array]) -> None:
         """Write the whole robot's coordinates and rates at `time`, as :class:`HiddenSprings`."""
@@ -465,11 +463,12 @@ class Observer:
         pair of (n,) arrays
             `q_ahead`, `qd_ahead`: overwritten by the next call.
         """
-        self.q_ahead[:], self.qd_ahead[:] = self.q, self.qd
         horizon, most = self.settings.horizon, self.settings.horizon_steps
         if horizon > 0.0 and reference is None and self.fusion is None and self.base is None:
-            self._coast(self.q_ahead, self.qd_ahead, horizon, most)
-        elif horizon > 0.0:
+            self._coast((self.q, self.qd), self.q_ahead, self.qd_ahead, horizon, most)
+            return self.q_ahead, self.qd_ahead
+        self.q_ahead[:], self.qd_ahead[:] = self.q, self.qd
+        if horizon > 0.0:
             begin = self.time
 
             def expected(t: float) -> Array:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from denoc_ros.estimation.fusion import FusionSettings
-from denoc_ros.settings import documented, require_declared, setting
+from denoc_ros.settings import documented, positive, require_declared, setting
 
 SOURCES = ('joints', 'torque')
 
@@ -28,22 +28,18 @@ class ObserverSettings:
         If a value is out of range.
     """
 
-    step: float = setting(float, 'time of one tick', 's', positive=True, finite=True)
+    step: float = positive(float, 'time of one tick', 's')
     source: str = setting(
         'joints',
         'joints: measured joint motion drives the amplitudes; torque: forward dynamics from '
         'the effort, joints corrected by measurement',
         choices=SOURCES,
     )
-    cutoff: float = setting(
-        50.0, 'bandwidth of the filter on measured joint motion', 'Hz', positive=True, finite=True
-    )
-    correction_cutoff: float = setting(
+    cutoff: float = positive(50.0, 'bandwidth of the filter on measured joint motion', 'Hz')
+    correction_cutoff: float = positive(
         10.0,
         'bandwidth with which measured joints correct the integrated ones of `source: torque`',
         'Hz',
-        positive=True,
-        finite=True,
     )
     horizon: float = setting(
         0.0,
@@ -54,12 +50,10 @@ class ObserverSettings:
     )
     # of that from the last measurement to now as well; fewer where a step would be below a tick
     horizon_steps: int = setting(10, 'largest number of integration steps over the horizon', '', 1)
-    max_age: float = setting(
+    max_age: float = positive(
         0.05,
         'age after which a measurement is refused, and to which the estimate goes beyond the last',
         's',
-        positive=True,
-        finite=True,
     )
     motor_effort: bool = False
     fusion: FusionSettings | None = None

@@ -110,7 +110,6 @@ class ParameterFilter:
 
         Parameters
         ----------
-        block : BlockValues
         free : (p, e) array
             Orthonormal directions along which parameters may be corrected; along the others they
             stay, and so does what is known of them. Without any only the offsets are corrected:
@@ -222,7 +221,6 @@ class ChannelLevels:
 
     Parameters
     ----------
-    channels, parameters : int
     least : (c,) array
         The least noise.
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from copy import deepcopy
 from typing import Any
 
 import numpy as np
@@ -51,7 +52,7 @@ def smoothed(values: Mapping[str, Any], cutoff: float) -> dict[str, Any]:
         [Hz]; motion that is faster is taken out by polynomials around each time, so nothing
         comes late.
     """
-    changed: dict[str, Any] = _copied(values)
+    changed = deepcopy(dict(values))
     for _, points in _point_lists(changed):
         times, rows = _arrays(points)
         points['positions'] = smooth(times, rows, cutoff=cutoff).q.tolist()
@@ -104,9 +105,3 @@ def _rounding(x: Array) -> tuple[float, float]:
 
 def _noise(step: float, interval: float) -> float:
     return float(np.sqrt(6.0 / 12.0)) * step / interval**2
-
-
-def _copied(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _copied(inner) for key, inner in value.items()}
-    return list(value) if isinstance(value, list) else value

@@ -12,7 +12,7 @@ from denoc_ros.dynamics.parameter_columns import live_paths
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import ConfigError
 from denoc_ros.model.numbers import match, own_path, some_of
-from denoc_ros.settings import documented, require_declared, setting
+from denoc_ros.settings import documented, positive, require_declared, setting
 from denoc_ros.types import Array
 
 
@@ -27,48 +27,32 @@ class TrackerSettings:
         If a value is out of range.
     """
 
-    step: float = setting(
+    step: float = positive(
         0.005,
         'time over which joint states are drawn together; longer where they come less often',
         's',
-        positive=True,
-        finite=True,
     )
-    block: float = setting(
-        0.05,
-        'time over which measured and predicted values are compared as means',
-        's',
-        positive=True,
-        finite=True,
+    block: float = positive(
+        0.05, 'time over which measured and predicted values are compared as means', 's'
     )
-    memory: float = setting(
+    memory: float = positive(
         0.5,
         'time of motion after which data count less by a factor e: longer is steadier, '
         'shorter follows faster',
         's',
-        positive=True,
-        finite=True,
     )
-    rate: float = setting(
+    rate: float = positive(
         1.0,
         'largest change of a number of `adapt` in a second, as a share of the width of its bounds',
         '1/s',
-        positive=True,
-        finite=True,
     )
-    model_error: float = setting(
+    model_error: float = positive(
         0.01,
         'assumed error of the rest of the model, as a share of its torques: what it explains '
         'moves no number of `adapt`',
-        positive=True,
-        finite=True,
     )
-    cutoff: float = setting(
-        10.0,
-        'bandwidth of the filter that gives rates where joint states have none',
-        'Hz',
-        positive=True,
-        finite=True,
+    cutoff: float = positive(
+        10.0, 'bandwidth of the filter that gives rates where joint states have none', 'Hz'
     )
     lag: float = setting(
         0.05,

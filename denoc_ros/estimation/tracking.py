@@ -13,9 +13,6 @@ from denoc_ros.kernels.handle import GOOD
 from denoc_ros.kernels.joint_tracking import ROWS, track_joints
 from denoc_ros.types import Array
 
-# Of the deviation of the joints' accelerations [s].
-MEMORY = 0.1
-
 
 class TrackingFilter:
     """A critically damped fading-memory filter per joint, all with one bandwidth.
@@ -38,6 +35,8 @@ class TrackingFilter:
         Variance of the acceleration against that.
     state : (ROWS, joints) array
         All of these, as kernels take them.
+    bandwidth : float
+        [rad/s]
 
     Notes
     -----
@@ -47,7 +46,7 @@ class TrackingFilter:
     """
 
     def __init__(self, joints: int, cutoff: float) -> None:
-        self._rate = 2.0 * math.pi * cutoff
+        self.bandwidth = 2.0 * math.pi * cutoff
         ready(track_joints)
         self.state = np.zeros((ROWS, joints))
         self.q, self.qd, self.qdd, self.mean, self.unsteady = self.state
@@ -62,10 +61,6 @@ class TrackingFilter:
         """Go on from the state of another filter of as many joints."""
         for name in ('q', 'qd', 'qdd', 'mean'):
             getattr(self, name)[:] = getattr(other, name)
-
-    def weights(self, interval: float) -> tuple[float, float]:
-        """Return the pole z, and the weight of an interval [s] in the variance."""
-        return math.exp(-self._rate * interval), -math.expm1(-interval / MEMORY)
 
     def update(self, q: Array, qd: Array | None, interval: float) -> None:
         """Go on to the next measurement and take it in.
@@ -84,13 +79,13 @@ class TrackingFilter:
         StateError
             The measurement is not of as many joints.
         """
-        pole, share = self.weights(interval)
         rates = q if qd is None else qd
+        how = qd is not None, interval, self.bandwidth
         try:
-            status = track_joints(self.state, q, rates, qd is not None, interval, pole, share)
+            status = track_joints(self.state, q, rates, *how)
         except TypeError:  # no contiguous, writable rows of doubles
             q, rates = np.array(q, dtype=np.float64), np.array(rates, dtype=np.float64)
-            status = track_joints(self.state, q, rates, qd is not None, interval, pole, share)
+            status = track_joints(self.state, q, rates, *how)
         if status != GOOD:
             raise StateError(
                 f'measured joints must be {len(self.q)}, got arrays of shape {q.shape} and '

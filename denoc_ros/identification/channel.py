@@ -17,6 +17,7 @@ from denoc_ros.bags.series import elapsed, element_names, read_arrays, read_join
 from denoc_ros.bags.tables import is_table, is_time, read_table
 from denoc_ros.errors import BagError
 from denoc_ros.identification.records import Record
+from denoc_ros.settings import setting
 from denoc_ros.types import Array, Stamps
 
 MULTI_ARRAY = 'std_msgs/msg/Float64MultiArray'
@@ -28,15 +29,19 @@ DEEPEST = 4  # levels of a message that are looked into
 class Channel(RecordedWindow):
     """One signal of a file: its place, and its conversion to a quantity."""
 
-    topic: str = ''  # of a bag; '' where it has one topic of numbers only
-    # joint of a JointState, label or index of a Float64MultiArray, dotted path in another message
-    # (`wrench.force.x`), or a table's column; '' where there is one only
-    field: str = ''
-    quantity: str = 'position'  # position, velocity or effort of a JointState
-    # value = gain * raw + offset
-    gain: float = 1.0
-    offset: float = 0.0
-    unit: str = ''  # of the value
+    # where there is one topic of numbers, or one field, its name may be left out
+    topic: str = setting('', 'topic of a bag, such as /predictor/tip_deflection')
+    field: str = setting(
+        '',
+        'name in a JointState (arm/uy), label or index in an array, dotted path in another '
+        'message (wrench.force.x), or column of a table',
+    )
+    quantity: str = setting('position', 'quantity of a JointState', choices=FIELDS)
+    gain: float = setting(1.0, 'value = gain * raw + offset', finite=True)
+    offset: float = setting(
+        0.0, 'offset in value = gain * raw + offset, in the unit of the value', finite=True
+    )
+    unit: str = setting('', 'unit of the value')
 
     @property
     def name(self) -> str:

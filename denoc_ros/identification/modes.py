@@ -46,51 +46,27 @@ def strongest(
 
 @dataclass(frozen=True, eq=False)
 class AmplitudeCurve:
-    """Damping of one mode over windows along its decay.
+    """Damping of one mode over windows along its decay."""
 
-    Attributes
-    ----------
-    time, amplitude : ndarray, shape (w,)
-        Middle of each window [s], on the record's clock, and the envelope there [record's unit].
-    frequency : ndarray, shape (w,)
-        Undamped natural frequency in the window [Hz].
-    damping_ratio, deviation : ndarray, shape (w,)
-        Damping ratio in the window and its standard deviation from noise alone.
-    trend : float
-        Change of the damping ratio per e-fold of amplitude (positive: grows with amplitude).
-    dependent : bool
-        The windows differ by more than noise explains.
-    """
-
+    # (w,) middle of each window [s], on the record's clock, and the envelope there [record's unit]
     time: Array
     amplitude: Array
-    frequency: Array
+    frequency: Array  # (w,) undamped natural frequency in the window [Hz]
+    # (w,) damping ratio in the window, and its standard deviation from noise alone
     damping_ratio: Array
     deviation: Array
-    trend: float
-    dependent: bool
+    trend: float  # change of the damping ratio per e-fold of amplitude: > 0 if it grows with it
+    dependent: bool  # the windows differ by more than noise explains
 
 
 @dataclass(frozen=True)
 class Line:
-    """A component of the record that is no mode: a harmonic, a sum or a difference.
+    """A component of the record that is no mode: a harmonic, a sum or a difference."""
 
-    Attributes
-    ----------
-    frequency : float
-        [Hz]
-    decay : float
-        Decay rate [1/s].
-    amplitude : float
-        At the start of the record [record's unit].
-    origin : str
-        Of which modes, such as `2 x 1.85 Hz`.
-    """
-
-    frequency: float
-    decay: float
-    amplitude: float
-    origin: str
+    frequency: float  # [Hz]
+    decay: float  # rate [1/s]
+    amplitude: float  # at the start of the record [record's unit]
+    origin: str  # of which modes, such as `2 x 1.85 Hz`
 
 
 @dataclass(frozen=True, eq=False)

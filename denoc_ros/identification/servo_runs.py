@@ -11,8 +11,10 @@ from typing import Any
 import numpy as np
 
 from denoc_ros.bags.digest import file_hash
+from denoc_ros.bags.joint_state import JOINT_STATE
 from denoc_ros.bags.joint_table import joint_columns, joints_with, table_times
 from denoc_ros.bags.reader import BagMessage, Stamp, read_bag
+from denoc_ros.bags.run import TRAJECTORY, point_columns, point_times
 from denoc_ros.bags.series import JointSeries, read_joint_states
 from denoc_ros.bags.tables import is_table, read_table
 from denoc_ros.errors import BagError, ConfigError, IdentificationError
@@ -23,8 +25,6 @@ from denoc_ros.output_files import Document, plain
 from denoc_ros.trajectories import SplineTrajectory
 from denoc_ros.types import Array
 
-TRAJECTORY = 'trajectory_msgs/msg/JointTrajectory'
-STATE = 'sensor_msgs/msg/JointState'
 FIELDS = ('position', 'command')  # of a joint, in a table
 
 
@@ -104,13 +104,14 @@ def read_commands(path: Path, topic: str, stamp: Stamp = 'header') -> Commands:
     for item in read_bag(path, [topic], stamp):
         if item.type == TRAJECTORY:
             pieces += _trajectory(item)
-        elif item.type == STATE:
+        elif item.type == JOINT_STATE:
             if len(item.message.position):
                 position = np.array(item.message.position, dtype=np.float64)
                 pieces.append((item.stamp_ns, tuple(item.message.name), position))
         else:
             raise BagError(
-                f'{path}: topic {topic} must be of type {TRAJECTORY} or {STATE}, got {item.type}'
+                f'{path}: topic {topic} must be of type {TRAJECTORY} or {JOINT_STATE}, '
+                f'got {item.type}'
             )
     if not pieces:
         raise BagError(f'{path}: {topic} must have commanded positions, got none')
@@ -128,17 +129,10 @@ def _trajectory(item: BagMessage) -> list[tuple[int, tuple[str, ...], SplineTraj
     names = tuple(item.message.joint_names)
     if not points:
         return []
-    times = np.array([p.time_from_start.sec + 1e-9 * p.time_from_start.nanosec for p in points])
-    q = np.array([p.positions for p in points], dtype=np.float64)
-    if len(points) == 1:
-        return [(item.stamp_ns + round(1e9 * times[0]), names, q[0])]
-    rates, changes = (
-        np.array([getattr(p, field) for p in points], dtype=np.float64)
-        if all(len(getattr(p, field)) for p in points)
-        else None
-        for field in ('velocities', 'accelerations')
-    )
+    times, (q, rates, changes) = point_times(points), point_columns(points)
     begin = item.stamp_ns + round(1e9 * times[0])
+    if len(points) == 1:
+        return [(begin, names, q[0])]
     return [(begin, names, SplineTrajectory(times - times[0], q, rates, changes))]
 
 

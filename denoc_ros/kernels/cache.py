@@ -252,9 +252,14 @@ def keep(dispatcher: Any) -> Any:
     """Give a function of this package its place in the cache, if there is one; return it."""
     folder = cache_folder()
     function = dispatcher.py_func
-    if folder is not None and Path(function.__code__.co_filename).resolve().parent == HERE:
+    if folder is not None and _is_here(function.__code__.co_filename):
         dispatcher._cache = KernelCache(function, folder)
     return dispatcher
+
+
+@cache
+def _is_here(source: str) -> bool:
+    return Path(source).resolve().parent == HERE
 
 
 def is_kept(dispatcher: Any) -> bool:

@@ -128,7 +128,7 @@ def ready(*kernels: Any) -> None:
     A call with other types then raises TypeError. What has to be compiled is announced to the log,
     for it takes a while.
     """
-    missing = {kernel: _symbols(kernel) for kernel in kernels if not kernel.signatures}
+    missing = {kernel: _symbols(kernel) for kernel in kernels if not kernel.overloads}
     symbols = sorted(set().union(*missing.values()))
     by_itself = [kernel for kernel, called in missing.items() if not called]
     # algorithms call the same functions: another process would compile these once more

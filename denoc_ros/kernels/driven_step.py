@@ -24,8 +24,8 @@ from denoc_ros.kernels.joint_tracking import POSITION, RATE, ROWS, track
 from denoc_ros.kernels.step import STEP_ROWS, adopt, open_stage, take_step
 
 # numbers that a measurement comes with
-INTERVAL, POLE, SHARE, SHORTEST, STEP, MOST_STEPS = range(6)
-MEASURED = 6
+INTERVAL, BANDWIDTH, SHORTEST, STEP, MOST_STEPS = range(5)
+MEASURED = 5
 
 
 @inlined
@@ -36,6 +36,12 @@ def is_workspace(handle, steps, n):
         and length(steps, 0) == STEP_ROWS
         and length(steps, 1) == n
     )
+
+
+@inlined
+def is_room(handle, room, n):
+    """Say whether an object is a workspace of three rows."""
+    return is_array(handle, room, 2, WRITABLE) and length(room, 0) == 3 and length(room, 1) == n
 
 
 @inlined
@@ -55,9 +61,12 @@ def go_along(handle, steps, held, places, joints, first, change, tau, q, qd, giv
     return GOOD
 
 
-@kernel(types.int64(types.int64, *[array_object] * 9, types.float64, types.int64))
-def advance_driven(handle, steps, held, places, first, change, tau, given, q, qd, duration, count):
-    """Advance q and q' (n,) in place by a duration [s] in `count` steps.
+@kernel(types.int64(types.int64, *[array_object] * 11, types.float64, types.int64))
+def advance_driven(
+    handle, steps, held, places, first, change, tau, given, q_before, qd_before, q, qd, duration,
+    count,
+):  # fmt: skip
+    """Advance q and q' (n,) by a duration [s] in `count` steps.
 
     Parameters
     ----------
@@ -75,6 +84,10 @@ def advance_driven(handle, steps, held, places, first, change, tau, given, q, qd
         Generalized forces.
     given : (n,) array
         Workspace.
+    q_before, qd_before : (n,) arrays
+        State at the beginning, which may be the same arrays.
+    q, qd : (n,) arrays
+        Output.
     """
     n = coordinates(handle)
     if not (is_workspace(handle, steps, n) and is_array(handle, places, 1, READABLE)):
@@ -86,55 +99,84 @@ def advance_driven(handle, steps, held, places, first, change, tau, given, q, qd
         and is_vector(handle, change, joints, READABLE)
         and is_vector(handle, tau, n, READABLE)
         and is_vector(handle, given, n, WRITABLE)
+        and is_vector(handle, q_before, n, READABLE)
+        and is_vector(handle, qd_before, n, READABLE)
         and is_vector(handle, q, n, WRITABLE)
         and is_vector(handle, qd, n, WRITABLE)
     ):
         return MISFIT
+    x, v, x_before, v_before = content(q), content(qd), content(q_before), content(qd_before)
+    for j in range(n):
+        x[j], v[j] = x_before[j], v_before[j]
     return go_along(
         handle, content(steps), content(held), content(places), joints, content(first),
-        content(change), content(tau), content(q), content(qd), content(given),
-        duration / count, count,
+        content(change), content(tau), x, v, content(given), duration / count, count,
     )  # fmt: skip
 
 
-@kernel(types.int64(types.int64, *[array_object] * 10))
-def driven_torque(handle, held, places, position, rate, acceleration, q, qd, qdd, given, torque):
-    """Place joints; find the torque of their motion, and all other accelerations.
+@kernel(types.int64(types.int64, *[array_object] * 13, types.float64, types.int64))
+def driven_torque(
+    handle, steps, held, places, first, position, rate, acceleration, tau, room, q, qd, qdd,
+    torque, duration, count,
+):  # fmt: skip
+    """Advance to a motion of joints; find its torque, and all other accelerations.
 
     Parameters
     ----------
     handle : int
+    steps : (STEP_ROWS, n) array
+        Workspace.
     held : (n,) array
         1 where a joint's acceleration is given.
     places : (joints,) array
         Coordinates of these joints.
+    first : (joints,) array
+        Their accelerations at the beginning; output: those of the motion.
     position, rate, acceleration : (joints,) arrays
         Their motion.
-    q, qd, qdd : (n,) arrays
-        State and accelerations: the joints' are written, and the other accelerations.
-    given : (n,) array
+    tau : (n,) array
+        Generalized forces during the steps.
+    room : (3, n) array
         Workspace.
+    q, qd, qdd : (n,) arrays
+        State and accelerations: in place.
     torque : (joints,) array
         Output [N m or N].
+    duration, count : float, int
+        Of all steps to the motion [s], and how many; 0: the state is there.
     """
     n = coordinates(handle)
-    if not is_array(handle, places, 1, READABLE):
+    if not (is_workspace(handle, steps, n) and is_array(handle, places, 1, READABLE)):
         return MISFIT
     joints = element_count(places)
     if not (
         is_vector(handle, held, n, READABLE)
+        and is_vector(handle, first, joints, WRITABLE)
         and is_vector(handle, position, joints, READABLE)
         and is_vector(handle, rate, joints, READABLE)
         and is_vector(handle, acceleration, joints, READABLE)
+        and is_vector(handle, tau, n, READABLE)
+        and is_room(handle, room, n)
         and is_vector(handle, q, n, WRITABLE)
         and is_vector(handle, qd, n, WRITABLE)
         and is_vector(handle, qdd, n, WRITABLE)
-        and is_vector(handle, given, n, WRITABLE)
         and is_vector(handle, torque, joints, WRITABLE)
     ):
         return MISFIT
-    wanted, x, v, a = content(given), content(q), content(qd), content(qdd)
+    wanted, x, v, a = content(room), content(q), content(qd), content(qdd)
     index, needed, asked = content(places), content(torque), content(acceleration)
+    before, change = content(first), beyond(wanted, n)
+    if count > 0:
+        for i in range(joints):
+            change[i] = asked[i] - before[i]
+        status = go_along(
+            handle, content(steps), content(held), index, joints, before, change, content(tau),
+            x, v, wanted, duration / count, count,
+        )  # fmt: skip
+        if status != GOOD:
+            return status
+    for i in range(joints):
+        before[i] = asked[i]
     for j in range(n):
         wanted[j] = 0.0
     for i in range(joints):
@@ -179,7 +221,7 @@ def take_measurement(
     places : (joints,) array
         Coordinates of the measured joints.
     numbers : (MEASURED,) array
-        Interval since the last measurement [s]; pole and share of :func:`track_joints`; the
+        Interval since the last measurement [s]; bandwidth of :func:`track_joints` [rad/s]; the
         shortest interval [s] over which accelerations change; the step [s], and how many at most.
     state : (ROWS, joints) array
         Of the filter; in place.
@@ -207,9 +249,7 @@ def take_measurement(
         and is_vector(handle, position, joints, READABLE)
         and is_vector(handle, rate, joints, READABLE)
         and is_vector(handle, tau, n, READABLE)
-        and is_array(handle, room, 2, WRITABLE)
-        and length(room, 0) == 3
-        and length(room, 1) == n
+        and is_room(handle, room, n)
         and is_vector(handle, q, n, WRITABLE)
         and is_vector(handle, qd, n, WRITABLE)
     ):
@@ -217,10 +257,7 @@ def take_measurement(
     number, tracked, index = content(numbers), content(state), content(places)
     x, v = content(q), content(qd)
     interval = number[INTERVAL]
-    track(
-        tracked, joints, content(position), content(rate), has_rate, interval, number[POLE],
-        number[SHARE],
-    )  # fmt: skip
+    track(tracked, joints, content(position), content(rate), has_rate, interval, number[BANDWIDTH])
     after, rate_after = beyond(tracked, POSITION * joints), beyond(tracked, RATE * joints)
     given = content(room)
     first, change = beyond(given, n), beyond(given, 2 * n)

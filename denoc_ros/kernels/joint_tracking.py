@@ -1,21 +1,26 @@
 """The fading-memory filter of joints' motion: one measurement."""
 
+import math
+
 from denoc_ros.kernels.compiled import inlined, kernel
 from denoc_ros.kernels.handle import GOOD, MISFIT, beyond, elements
 
 # rows of the state
 POSITION, RATE, ACCELERATION, MEAN, UNSTEADY = range(5)
 ROWS = 5
+MEMORY = 0.1  # s, of the variance of the accelerations
 
 
 @inlined
-def track(state, joints, q, qd, has_rate, interval, pole, share):
+def track(state, joints, q, qd, has_rate, interval, bandwidth):
     """Track joints as :func:`track_joints` does, with pointers."""
     position_row = beyond(state, POSITION * joints)
     rate_row = beyond(state, RATE * joints)
     acceleration_row = beyond(state, ACCELERATION * joints)
     mean_row = beyond(state, MEAN * joints)
     unsteady = beyond(state, UNSTEADY * joints)
+    pole = math.exp(-bandwidth * interval)
+    share = -math.expm1(-interval / MEMORY)
     rest = 1.0 - pole
     for k in range(joints):
         before, acceleration = rate_row[k], acceleration_row[k]
@@ -39,8 +44,8 @@ def track(state, joints, q, qd, has_rate, interval, pole, share):
         unsteady[k] += share * (gap * gap - unsteady[k])
 
 
-@kernel('int64(float64[:, ::1], float64[::1], float64[::1], boolean, float64, float64, float64)')
-def track_joints(state, q, qd, has_rate, interval, pole, share):
+@kernel('int64(float64[:, ::1], float64[::1], float64[::1], boolean, float64, float64)')
+def track_joints(state, q, qd, has_rate, interval, bandwidth):
     """Bring the state (5, joints) of a tracking filter to the next measurement.
 
     The equations are those of :class:`denoc_ros.estimation.tracking.TrackingFilter`.
@@ -53,10 +58,8 @@ def track_joints(state, q, qd, has_rate, interval, pole, share):
         Measured positions and, if `has_rate`, rates.
     interval : float
         Since the last measurement [s].
-    pole : float
-        exp(-2 pi cutoff interval).
-    share : float
-        Weight of this interval in the variance.
+    bandwidth : float
+        2 pi cutoff [rad/s].
 
     Returns
     -------
@@ -66,6 +69,6 @@ def track_joints(state, q, qd, has_rate, interval, pole, share):
     if q.shape[0] != state.shape[1] or qd.shape[0] != state.shape[1]:
         return MISFIT
     track(
-        elements(state), state.shape[1], elements(q), elements(qd), has_rate, interval, pole, share
+        elements(state), state.shape[1], elements(q), elements(qd), has_rate, interval, bandwidth
     )
     return GOOD

@@ -205,7 +205,6 @@ def component_points(
 
     Parameters
     ----------
-    modes : ComponentModes
     joint : Joint or None
         The one before the link.
     geometric : bool

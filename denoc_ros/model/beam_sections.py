@@ -294,7 +294,7 @@ class Stations:
 
 
 def read_stations(beam: Reader, length: float, folder: str = '') -> Stations:
-    """Return what the `<at>` elements of a beam say.
+    """Return the stations of the `<at>` elements of a beam.
 
     Parameters
     ----------

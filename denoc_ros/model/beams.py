@@ -451,7 +451,6 @@ def varying_shapes(
         Of bending one of `SHAPES`, or 'constant moment' (the one that a moment at the tip makes);
         of twist 'twist', or 'static twist' (the one that a torque at the tip makes, and those
         with both ends held).
-    modes : int
     length : float
         [m]
     rigidity, inertia : Along

@@ -118,7 +118,6 @@ def component_link(
 
     Parameters
     ----------
-    element : FlexibleElement
     inertia : RigidInertia or None
         The whole link about its link frame; None without an `<inertial>`.
     findings : Findings
@@ -156,7 +155,6 @@ def find_frame(link: ReducedLink, origin: Array, names: Collection[str]) -> str 
 
     Parameters
     ----------
-    link : ReducedLink
     origin : ndarray (4, 4)
         Where it hangs, undeformed, in the link frame.
     names : collection of str

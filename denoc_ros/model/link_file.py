@@ -118,7 +118,6 @@ def write(path: str | Path, link: ReducedLink) -> None:
     ----------
     path : str or path
         An existing file is replaced.
-    link : ReducedLink
 
     Raises
     ------
@@ -158,10 +157,6 @@ def read(path: str | Path) -> ReducedLink:
     Parameters
     ----------
     path : str or path
-
-    Returns
-    -------
-    ReducedLink
 
     Raises
     ------

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -236,7 +237,7 @@ class FeedforwardNode(RobotNode):
 
     def _on_joint_state(self, raw: bytes, now: float) -> None:
         reader = self._reader
-        reader.read(raw, lambda stamp_ns: self.joint_input.accept(stamp_ns, now))
+        reader.read(raw, partial(self.joint_input.accept, now=now))
         self.feedback.take_joints(reader, now)
         if self.phase is not None:
             wall = 1e-9 * self.stamp_ns_at(now)

@@ -333,6 +333,8 @@ class Input:
 
     def take_heavy(self) -> None:
         """Handle some of the messages that were too long for the loop, in a share of the time."""
+        if not self._heavy:
+            return
         begin = now = time.perf_counter()
         if now < self._heavy_due:
             return

@@ -226,7 +226,8 @@ class PlantNode(RobotNode):
         self._has_feedback = bool(self._kp.any() or self._kd.any())
         limits = {name: joint.limits.effort for name, joint in self.robot.tree.joints.items()}
         enforce = settings.flag('enforce_effort_limits')
-        self._limit = np.array([limits[j] if enforce else math.inf for j in self.joints])
+        self._upper = np.array([limits[j] if enforce else math.inf for j in self.joints])
+        self._lower = -self._upper
         self._by_impedance = bool(settings.text('impedance_command'))
         self._reader = CommandReader(self.joints, len(IMPEDANCE) if self._by_impedance else 1)
         self._command_timeout = settings.number('command_timeout')
@@ -428,11 +429,11 @@ class PlantNode(RobotNode):
             tau[self._index] = effort + self._kp * self._wanted + self._kd * self._wanted_rate
             effort += self._kp * (self._wanted - self.q[self._index])
             effort += self._kd * (self._wanted_rate - self.qd[self._index])
-        if controlled and (np.abs(effort) <= self._limit).all():
+        if controlled and (np.abs(effort) <= self._upper).all():
             self._simulated.controlled(tau)
             return
-        np.minimum(effort, self._limit, out=effort)
-        np.maximum(effort, -self._limit, out=effort)
+        np.minimum(effort, self._upper, out=effort)
+        np.maximum(effort, self._lower, out=effort)
         tau[self._index] = effort
         self._simulated.free(tau)
 

@@ -6,6 +6,7 @@ import math
 import time
 from collections import deque
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -189,6 +190,7 @@ class PredictorNode(RobotNode):
         self._effort_reader = JointStateReader(self.joints)
         self.by_torque = settings.text('source') == 'torque'
         self.by_command = settings.text('effort_source') == 'commanded'
+        self._takes_effort = self.by_torque and not self.by_command
         self.base_frame = next(f for f, place in robot.tree.frames.items() if place.body < 0)
         self.outputs = PredictorOutputs(
             self,
@@ -243,8 +245,8 @@ class PredictorNode(RobotNode):
 
     def _on_joint_state(self, raw: bytes, now: float) -> None:
         reader = self._reader
-        measured = self.by_torque and not self.by_command
-        reader.read(raw, lambda stamp_ns: self.joint_input.accept(stamp_ns, now), measured)
+        admit = partial(self.joint_input.accept, now=now)
+        reader.read(raw, admit, self._takes_effort)
         taken = self._stamps.taken_at(1e-9 * reader.stamp_ns, now, 1e-9 * self.stamp_ns_at(now))
         velocity = reader.velocity if reader.has_velocity else None
         effort = reader.effort if reader.has_effort else None
@@ -324,13 +326,12 @@ class PredictorNode(RobotNode):
 
     def _measure(self, observer: Observer, steps: int) -> None:
         """Take measurements in, for the time that has passed at most; the rest waits."""
-        queue, adaptation = self._queue, self.adaptation
-        measured = self.by_torque and not self.by_command
-        backlog = len(queue) > 1 and not self.clock.is_simulated
-        end = time.thread_time() + min(steps, MOST_STEPS) * self.period if backlog else math.inf
+        queue, adaptation, end = self._queue, self.adaptation, math.inf
+        if len(queue) > 1 and not self.clock.is_simulated:
+            end = time.thread_time() + min(steps, MOST_STEPS) * self.period
         while queue:
             taken, q, qd, effort = queue.popleft()
-            observer.measure(taken, q, qd, effort if measured else None)
+            observer.measure(taken, q, qd, effort if self._takes_effort else None)
             adaptation.measure(taken, q, qd, effort)
             if queue and time.thread_time() > end:
                 return

@@ -268,7 +268,6 @@ def beam_body(
     ----------
     where : str
         For errors.
-    sections : BeamSections
     pose : ndarray (4, 4)
         The beam frame seen from the link frame.
     stations : sequence of float
@@ -362,7 +361,6 @@ def reduce_beam(
 
     Parameters
     ----------
-    element : BeamElement
     inertia : RigidInertia or None
         The whole link, in its frame.
     outer : mapping

@@ -280,7 +280,6 @@ def reduce_body(
 
     Parameters
     ----------
-    body : FiniteElementBody
     patches : sequence of Patch
         The root's first, at least one more.
     modes : int
@@ -395,7 +394,6 @@ def link_modes(craigs: Craigs, count: int, tip_mass: Mapping[str, float]) -> Lin
 
     Parameters
     ----------
-    craigs : Craigs
     count : int
         Number of modes m.
     tip_mass : mapping of str to float

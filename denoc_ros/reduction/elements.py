@@ -57,7 +57,6 @@ class Solid:
         Vertices [m].
     tetrahedra : ndarray (t, 4)
         Indices of vertices; either orientation.
-    elasticity : Elasticity
 
     Raises
     ------

@@ -78,7 +78,6 @@ def reduce_link(
         and surface.
     patches : sequence of Patch
         The root's first.
-    wishes : Wishes
     source : str
         Mesh, material and program, for the file.
     report : callable

@@ -47,7 +47,6 @@ def modal_derivatives(
     ----------
     solid : Solid
         The elements of the body.
-    craigs : Craigs
     coordinates : ndarray (6 F + k, m)
         The modes.
     stiffness : ndarray (m,)
@@ -99,8 +98,6 @@ def foreshortening(
 
     Parameters
     ----------
-    body : FiniteElementBody
-    craigs : Craigs
     coordinates : ndarray (6 F + k, m)
         The modes.
     stiffness : ndarray (m,)

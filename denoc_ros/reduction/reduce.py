@@ -126,10 +126,6 @@ def reduce_surface(
 
     Parameters
     ----------
-    surface : ClosedSurface
-    elasticity : Elasticity
-    frames : Frames
-    wishes : Wishes
     source : str
         For the file: mesh and material.
     edge : float, optional

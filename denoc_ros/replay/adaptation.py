@@ -21,39 +21,20 @@ NORMAL = 1.96  # deviations of half a 95 % interval
 
 @dataclass(frozen=True)
 class Adapted:
-    """Numbers of a robot over the time of a recording.
-
-    Attributes
-    ----------
-    paths : tuple of str
-    start : (p,) array
-        Before the first joint state.
-    bounds : (p, 2) array
-    t : (k,) array
-        From the first joint state [s]: at the end of each block that was compared.
-    values, deviations : (k, p) arrays
-        In use since then, and their standard deviations.
-    supported : (p,) bool array
-        Whether the data support the last values.
-    cause : str
-        Why nothing is tracked at the end; '' if it is.
-    restarts, failures : int
-        Gaps that were not integrated over; states that the model could not go on from.
-    model_error : float
-        What the rest of the model is off by, as a share of its torques.
-    """
+    """Numbers of a robot over the time of a recording."""
 
     paths: tuple[str, ...]
-    start: Array
-    bounds: Array
-    t: Array
+    start: Array  # (p,) before the first joint state
+    bounds: Array  # (p, 2)
+    t: Array  # (k,) from the first joint state [s]: at the end of each block that was compared
+    # (k, p) in use since then, and their standard deviations
     values: Array
     deviations: Array
-    supported: Array
-    cause: str
-    restarts: int
-    failures: int
-    model_error: float
+    supported: Array  # (p,) bool: whether the data support the last values
+    cause: str  # why nothing is tracked at the end; '' if it is
+    restarts: int  # gaps that were not integrated over
+    failures: int  # states that the model could not go on from
+    model_error: float  # error of the rest of the model, as a share of its torques
 
     @property
     def last(self) -> Array:
@@ -63,18 +44,10 @@ class Adapted:
 
 @dataclass(frozen=True)
 class AdaptSettings:
-    """Which numbers are tracked along a recording, and how.
+    """Which numbers are tracked along a recording, and how."""
 
-    Attributes
-    ----------
-    paths : tuple of str
-        Dotted paths, `*` for any text; empty: none.
-    bounds : mapping of str to pair of floats
-        Lowest and highest value by path; default half and one and a half of the present value.
-    tracker : TrackerSettings
-    """
-
-    paths: tuple[str, ...] = ()
+    paths: tuple[str, ...] = ()  # dotted, `*` for any text; empty: none
+    # lowest and highest value by path; default half and one and a half of the present value
     bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     tracker: TrackerSettings = field(default_factory=TrackerSettings)
 
@@ -94,8 +67,6 @@ def adapted_along(
         With the numbers as they are known.
     plan : ReplayPlan
         What of the bag counts.
-    settings : ReplaySettings
-    adapt : AdaptSettings
     base : BaseRecord, optional
         How the base moves, on the clock of the joint states.
 

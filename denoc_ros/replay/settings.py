@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -10,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from denoc_ros.bags.joint_state import JOINT_STATE
-from denoc_ros.bags.reader import BagContents, Stamp, bag_contents
+from denoc_ros.bags.reader import STAMP, BagContents, Stamp, bag_contents, require_stamp
 from denoc_ros.bags.series import (
     ODOMETRY,
     JointSeries,
@@ -23,6 +22,7 @@ from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import BagError, ConfigError, StateError
 from denoc_ros.estimation.joint_motion import METHODS
 from denoc_ros.replay.stream import Source
+from denoc_ros.settings import declared_findings, documented, positive, setting
 from denoc_ros.types import Array
 
 PREFIX = '/replay/'
@@ -31,94 +31,73 @@ DEFLECTIONS = ('plant/true_deflection', 'predictor/tip_deflection')
 LOOKED_AT = 200  # messages that say which joints there are, and where they start
 
 
+@documented
 @dataclass(frozen=True)
 class ReplaySettings:
     """How a replay is made.
 
     Attributes
     ----------
-    topic : str
-        Of the joint states; '': the first of `joint_states` or with such an ending.
     joints : tuple of str
         The driven joints, as the robot calls them; empty: all that mimic none. In a mechanism
         they must determine its motion.
-    effort : str
-        Topic of JointState whose effort counts as measured; '': that of the joint states.
     rename : mapping of str to str
         Beginnings of joint names in the bag and what they are in the robot.
-    derivative : {'filter', 'kalman'}
-        How rates and accelerations come about, see `denoc_ros.estimation.joint_motion.smooth`.
-    cutoff : float
-        Of that [Hz].
-    stamp : {'header', 'log'}
-        What counts as the time of a joint state.
-    base : str
-        Topic of Odometry with the motion of the base; '': of a robot whose base floats, the first
-        of `base_motion` or with such an ending, else none.
-    fit_friction : bool
-        Fit viscous and Coulomb friction and an offset per joint to the measured effort, and use
-        them in place of the robot's.
 
     Raises
     ------
     ConfigError
         With every value that is out of range.
+    BagError
+        For stamps that no bag has.
     """
 
-    topic: str = ''
+    topic: str = setting(
+        '', 'topic of the joint states; default: joint_states, or the first with such an ending'
+    )
     joints: tuple[str, ...] = ()
-    effort: str = ''
+    effort: str = setting(
+        '', 'topic of a JointState with the measured effort; default: that of the joint states'
+    )
     rename: Mapping[str, str] = field(default_factory=dict)
-    derivative: str = 'filter'
-    cutoff: float = 20.0
-    stamp: Stamp = 'header'
-    fit_friction: bool = False
-    base: str = ''
+    derivative: str = setting(
+        'filter',
+        'method for velocities and accelerations: local polynomials, or a Kalman smoother',
+        choices=METHODS,
+    )
+    cutoff: float = positive(20.0, 'bandwidth of this method', 'Hz')
+    stamp: Stamp = setting(STAMP)
+    fit_friction: bool = setting(
+        False,
+        'fit viscous and Coulomb friction and an offset per joint to the measured effort, and '
+        "use them in place of the robot's",
+    )
+    base: str = setting(
+        '',
+        'topic of a nav_msgs/Odometry with the motion of the base; default: base_motion, where '
+        'the base of the robot floats',
+    )
 
     def __post_init__(self) -> None:
-        findings = []
-        if self.derivative not in METHODS:
-            findings.append(
-                f'derivative must be one of {", ".join(METHODS)}, got {self.derivative!r}'
-            )
-        if not (math.isfinite(self.cutoff) and self.cutoff > 0.0):
-            findings.append(f'cutoff must be > 0 Hz, got {self.cutoff}')
-        if self.stamp not in ('header', 'log'):
-            findings.append(f'stamp must be header or log, got {self.stamp!r}')
-        ConfigError.raise_any('replay', findings)
+        require_stamp('replay', self.stamp)
+        ConfigError.raise_any('replay', declared_findings(self))
 
 
 @dataclass(frozen=True)
 class ReplayPlan:
-    """Settings of a replay that come from its bag.
+    """Settings of a replay that come from its bag."""
 
-    Attributes
-    ----------
-    contents : BagContents
-        All that is in the bag.
-    source : Source
-        What is read for the motion, and beside it.
-    joints : tuple of str
-        The driven joints, as the robot calls them.
-    ignored : tuple of str
-        Joints of the bag that are not driven: the robot does not have them, or they follow others.
-    posture : (n,) array
-        Coordinates of the robot as the bag has them first, else 0.
-    effort, commanded, base : str
-        Topics of the measured effort, of a feedforward's and of the base's motion; '' for none.
-    deflections : tuple of str
-        Topics with deflections to compare with.
-    """
-
-    contents: BagContents
-    source: Source
-    joints: tuple[str, ...]
+    contents: BagContents  # of the bag
+    source: Source  # messages that are read for the motion, and beside it
+    joints: tuple[str, ...]  # the driven ones, as the robot calls them
+    # joints of the bag that are not driven: the robot does not have them, or they follow others
     ignored: tuple[str, ...]
-    posture: Array
+    posture: Array  # (n,) coordinates of the robot as the bag has them first, else 0
+    # topics of the measured effort, and of a feedforward's; '' for none
     effort: str
     commanded: str
-    deflections: tuple[str, ...]
-    base: str = ''
+    deflections: tuple[str, ...]  # topics with deflections to compare with
+    base: str = ''  # topic of the base's motion; '' for none
 
     @property
     def messages(self) -> int:

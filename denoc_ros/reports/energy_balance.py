@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
 
 from denoc_ros.bags.run import RecordedTopics
 from denoc_ros.dynamics.robot import Robot
@@ -82,8 +83,7 @@ def _work(recording: RecordedTopics) -> Array | None:
     if effort is None or rates is None:
         return None
     power = np.sum(effort.values * rates.values, axis=1)
-    steps = 0.5 * (power[1:] + power[:-1]) * np.diff(effort.t)
-    return np.concatenate(([0.0], np.cumsum(steps)))
+    return np.asarray(cumulative_trapezoid(power, effort.t, initial=0.0))
 
 
 def verdict(found: EnergyBalance, said: Sequence[str]) -> Verdict:

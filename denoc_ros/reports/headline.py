@@ -11,6 +11,7 @@ from denoc_ros.reports.measures import PhaseMeasures, deflection_error, peak, rm
 from denoc_ros.reports.pages import Card, Tone, Verdict, engineering
 from denoc_ros.reports.run_files import STEPPED
 from denoc_ros.reports.sections import Units, without_folders
+from denoc_ros.units import deflection_unit
 
 WRONG = 20.0  # % of its peak from which on a predicted deflection is no good
 UNSEEN = 1e-4  # m or rad: an error that is less does not matter, whatever it is a share of
@@ -177,7 +178,7 @@ def summary_lines(summary: Mapping[str, Any]) -> Iterator[str]:
             )
     for name, phase in phases.items():
         for where, error in phase.get('deflection_error', {}).items():
-            unit = 'rad' if where.rpartition('/')[2].startswith('r') else 'm'
+            unit = deflection_unit(where)
             yield (
                 f'{name}: {where} predicted to {engineering(error["rms"], unit)} rms of a peak of '
                 f'{engineering(error["peak"], unit)} ({error["percent_of_peak"]:.2g} %)'

@@ -21,7 +21,6 @@ from denoc_ros.reports.identify_result import (
 from denoc_ros.reports.pages import PageSection, PageTable, ReportPage, Verdict, engineering
 from denoc_ros.reports.provenance import provenance
 from denoc_ros.reports.sections import Units
-from denoc_ros.reports.text_table import text_table
 
 DRAWN = 400  # points of a curve
 
@@ -44,38 +43,14 @@ def model_page(document: Mapping[str, Any], command: str) -> ReportPage:
 
 def model_text(document: Mapping[str, Any]) -> str:
     """Return the lines of a model's numbers for a terminal."""
-    channels = [
-        {
-            'run': one['run'],
-            'channel': one['channel'],
-            'unit': one['unit'],
-            'rms before': one['rms_before'],
-            'after': one['rms_after'],
-            'held out before': one['held_out_before'],
-            'held out after': one['held_out_after'],
-        }
-        for one in document['channels']
-    ]
     notes = [*document['not_identifiable'], *document['reasons']]
-    head = [_numbers_text(document['parameters'], 'verdict'), '']
-    return result_text(document, head, channels, notes)
+    head = [_text(_numbers(document['parameters'])), '']
+    return result_text(document, head, _text(_channels(document['channels'])), notes)
 
 
-def _numbers_text(parameters: Sequence[Mapping[str, Any]], verdict: str) -> str:
-    """Return the table of numbers with their intervals and verdicts, which are called so."""
-    return text_table(
-        [
-            {
-                'number': one['path'],
-                **({'was': one['start']} if 'start' in one else {}),
-                'is': one['value'],
-                '95 % from': one['interval'][0],
-                'to': one['interval'][1],
-                verdict: verdict_text(one),
-            }
-            for one in parameters
-        ]
-    )
+def _text(section: PageSection) -> str:
+    """Return the tables of a section for a terminal."""
+    return '\n'.join(table.text() for table in section.tables)
 
 
 def _numbers(numbers: Sequence[Mapping[str, Any]]) -> PageSection:
@@ -155,24 +130,13 @@ def excitation_page(
 def excitation_text(document: Mapping[str, Any]) -> str:
     """Return the lines of a motion that identifies for a terminal."""
     parameters, never = document['parameters'], document['not_by_any_motion']
-    limits = [
-        {
-            'largest': f'{one["what"]} {one["name"]}',
-            'is': one['value'],
-            'limit': one['limit'],
-            'unit': one['unit'],
-        }
-        for one in document['limits']
-    ]
     seen = document['combinations_seen']
     notes = [f'{seen} of {len(parameters)} combinations are seen by any motion']
     notes += [f'by no motion: {line}' for line in never]
-    told = [line for line in document['not_identifiable'] if line not in never]
-    notes += [f'by this motion: {line}' for line in told]
     return '\n'.join([
-        _numbers_text(parameters, 'expected'),
+        _text(_expected(document)),
         '',
-        text_table(limits),
+        _text(_limits(document)),
         *(f'  {note}' for note in notes),
         f'{document["output"]}: {document["duration_s"]:g} s from rest to rest',
         f'  found in {document["seconds"]:.1f} s: intervals {document["gain"]:.3g} times shorter '

@@ -18,7 +18,7 @@ from denoc_ros.reports.figures import (
 )
 from denoc_ros.reports.pages import Card, PageSection, PageTable, ReportPage, Tone, Verdict
 from denoc_ros.reports.provenance import provenance
-from denoc_ros.reports.text_table import Row, cell_text, text_table
+from denoc_ros.reports.text_table import cell_text
 from denoc_ros.types import Array
 
 TONES: Mapping[str, Tone] = {'good': 'good', 'doubtful': 'doubtful', 'not identifiable': 'bad'}
@@ -87,7 +87,7 @@ def interval_text(interval: Sequence[float | None]) -> str:
 def result_text(
     document: Mapping[str, Any],
     head: Iterable[str],
-    rows: Sequence[Row],
+    table: str,
     notes: Iterable[str] = (),
     tail: Iterable[str] = (),
 ) -> str:
@@ -96,8 +96,7 @@ def result_text(
     asked = [f'{mode["frequency_hz"]:.4g}' for mode in modes if mode['asked']]
     of = f' (of {", ".join(asked)} Hz)' if len(modes) > len(asked) > 0 else ''
     none = ' (no mode asked for was found)' if modes and not asked else ''
-    table = [text_table(rows)] if rows else []
-    lines = [*head, *table, *(f'  {note}' for note in notes), *tail]
+    lines = [*head, *filter(None, [table]), *(f'  {note}' for note in notes), *tail]
     return '\n'.join([*lines, f'verdict: {document["verdict"]}{of}{none}'])
 
 

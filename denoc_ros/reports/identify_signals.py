@@ -35,7 +35,7 @@ from denoc_ros.reports.identify_result import (
     result_text,
 )
 from denoc_ros.reports.pages import Card, PageSection, PageTable, ReportPage, engineering
-from denoc_ros.reports.text_table import cell_text
+from denoc_ros.reports.text_table import cell_text, text_table
 from denoc_ros.types import Array
 
 SLICES = 12  # of a waterfall
@@ -98,7 +98,7 @@ def decay_text(document: Mapping[str, Any]) -> str:
     notes += document['remarks']
     if note := document.get('model', {}).get('left_out'):
         notes.append(f'coefficients left out: {note}')
-    return result_text(document, head, rows, notes)
+    return result_text(document, head, text_table(rows), notes)
 
 
 def _check_text(check: Mapping[str, Any]) -> str:
@@ -333,7 +333,8 @@ def forced_text(document: Mapping[str, Any]) -> str:
         }
         for mode in document['modes']
     ]
-    return result_text(document, [head], rows, [*mode_notes(document), *document['remarks']])
+    notes = [*mode_notes(document), *document['remarks']]
+    return result_text(document, [head], text_table(rows), notes)
 
 
 def _response(found: ForcedModes) -> PageSection:
@@ -398,7 +399,7 @@ def joint_text(document: Mapping[str, Any]) -> str:
         if one['coefficient'] is not None:
             said += f', coefficient {one["coefficient"]:.4g} {one["unit"]}'
         notes.append(f'log decrement ({one["convention"]}): {said}')
-    return result_text(document, head, rows, [*notes, *document['reasons']])
+    return result_text(document, head, text_table(rows), [*notes, *document['reasons']])
 
 
 def _friction_cards(document: Mapping[str, Any]) -> list[Card]:
@@ -492,7 +493,10 @@ def servo_page(
         'How the joints follow their commands',
         said or 'No joint was told to move',
         cards,
-        [*sections, _servos(found)],
+        [
+            *sections,
+            PageSection('Servos', 'For the shaper.', tables=[_servos(document)]),
+        ],
         command,
     )
 
@@ -500,29 +504,14 @@ def servo_page(
 def servo_text(document: Mapping[str, Any]) -> str:
     """Return the lines of the joints' servos for a terminal, with the shaper's parameters."""
     source, joints, still = document['source'], document['joints'], document['not_moved']
-    rows = [
-        {
-            'joint': name,
-            'bandwidth [Hz]': one['bandwidth_hz'],
-            'bandwidth 95 %': one['interval']['bandwidth'],
-            'damping': one['damping'],
-            'damping 95 %': one['interval']['damping'],
-            'delay [s]': one['delay_s'],
-            'delay 95 %': one['interval']['delay'],
-            'gain': one['gain'],
-            'gain 95 %': one['interval']['gain'],
-            'lag [s]': one['lag_s'],
-            'verdict': one['verdict'],
-        }
-        for name, one in joints.items()
-    ]
     head = f'{source["file"]}: {source["topic"]} after {source["command"]}'
     parameters = []
     for name, key in (('bandwidth', 'bandwidth_hz'), ('damping', 'damping'), ('delay', 'delay_s')):
         if joints and not still:
             values = ', '.join(f'{one[key]:.4g}' for one in joints.values())
             parameters.append(f'servo.{name}: [{values}]')
-    return result_text(document, [head], rows, [*still, *document['reasons']], parameters)
+    table = _servos(document).text() if joints else ''
+    return result_text(document, [head], table, [*still, *document['reasons']], parameters)
 
 
 def _followed(fit: ServoFit, t: Array, told: Array, measured: Array) -> PageSection:
@@ -536,21 +525,14 @@ def _followed(fit: ServoFit, t: Array, told: Array, measured: Array) -> PageSect
     )
 
 
-def _servos(found: Sequence[tuple[ServoFit, Any]]) -> PageSection:
-    rows = [
-        [
-            fit.joint,
-            f'{fit.bandwidth:.4g}',
-            interval_text(fit.interval['bandwidth'].tolist()),
-            f'{fit.damping:.4g}',
-            interval_text(fit.interval['damping'].tolist()),
-            f'{fit.delay:.4g}',
-            interval_text(fit.interval['delay'].tolist()),
-            f'{fit.gain:.4g}',
-            interval_text(fit.interval['gain'].tolist()),
-            fit.verdict,
-        ]
-        for fit, _ in found
-    ]
-    head = ['joint', 'bandwidth [Hz]', '', 'ζ', '', 'delay [s]', '', 'gain', '', 'verdict']
-    return PageSection('Servos', 'For the shaper.', tables=[PageTable(head, rows)])
+def _servos(document: Mapping[str, Any]) -> PageTable:
+    numbers = ('bandwidth_hz', 'damping', 'delay_s', 'gain')
+    rows = []
+    for name, one in document['joints'].items():
+        row = [name]
+        for number in numbers:
+            interval = one['interval'][number.partition('_')[0]]
+            row += [f'{one[number]:.4g}', interval_text(interval)]
+        rows.append([*row, f'{one["lag_s"]:.4g}', one['verdict']])
+    head = ['joint', 'bandwidth [Hz]', '', 'ζ', '', 'delay [s]', '', 'gain', '', 'lag [s]']
+    return PageTable([*head, 'verdict'], rows)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from denoc_ros.bags.run import Interval, RecordedTopics
+from denoc_ros.bags.run import Interval, RecordedTopics, point_columns, point_times
 from denoc_ros.bags.series import Series
 from denoc_ros.control.asked_motion import AskedMotion
 from denoc_ros.dynamics.robot import Robot
@@ -164,12 +164,7 @@ class _Reference:
         self.start, self.names = start, names
         self.end = start + float(times[-1])
         # the same curve as the nodes follow
-        self._curve = SplineTrajectory(
-            times,
-            np.array([point.positions for point in rows]),
-            _all_rows([point.velocities for point in rows]),
-            _all_rows([point.accelerations for point in rows]),
-        )
+        self._curve = SplineTrajectory(times, *point_columns(rows))
 
     def at(self, t: Array) -> Array:
         """Return positions (k, n) at times since the start."""
@@ -177,11 +172,6 @@ class _Reference:
         for row, now in enumerate(t):
             self._curve.sample(float(now), q[row], qd[row], qdd[row])
         return q
-
-
-def _all_rows(rows: list[Any]) -> Array | None:
-    """Return rows as an array, None where one has no values."""
-    return np.array(rows, dtype=np.float64) if all(len(row) for row in rows) else None
 
 
 def _reference(
@@ -195,8 +185,7 @@ def _reference(
         message, start = item.message, item.stamp
         names = tuple(message.joint_names)
         if len(message.points) > 1:
-            times = np.array([_seconds(point.time_from_start) for point in message.points])
-            return _Reference(start, names, times, message.points)
+            return _Reference(start, names, point_times(message.points), message.points)
         streamed.append((start, names, message.points[0]))
     if len(streamed) < 2:
         return None
@@ -205,10 +194,6 @@ def _reference(
     keep = np.concatenate(([True], np.diff(starts) > 0.0))
     rows = [entry[2] for entry, kept in zip(streamed, keep, strict=True) if kept]
     return _Reference(float(starts[0]), streamed[0][1], (starts - starts[0])[keep], rows)
-
-
-def _seconds(duration: Any) -> float:
-    return float(duration.sec) + 1e-9 * float(duration.nanosec)
 
 
 def _tracking(measured: Series | None, reference: _Reference | None) -> Series | None:

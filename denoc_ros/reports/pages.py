@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
+from denoc_ros.reports.text_table import aligned
 from denoc_ros.units import NONE, PREFIXES, si_prefix
 
 if TYPE_CHECKING:
@@ -35,7 +36,11 @@ class PageTable:
     head: Sequence[str]
     rows: Sequence[Sequence[str]]
     folded: bool = False
-    title: str = ''
+    title: str = ''  # where it is folded, and in a terminal
+
+    def text(self) -> str:
+        """Return it for a terminal."""
+        return '\n'.join(filter(None, [self.title, aligned([self.head, *self.rows])]))
 
 
 @dataclass(frozen=True)

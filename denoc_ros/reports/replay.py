@@ -30,7 +30,7 @@ from denoc_ros.reports.pages import (
 )
 from denoc_ros.reports.run_files import recording_name
 from denoc_ros.reports.sections import Units
-from denoc_ros.reports.text_table import Row, cell_text, text_table
+from denoc_ros.reports.text_table import cell_text
 from denoc_ros.units import deflection_unit
 from denoc_ros.viewer.recorded import SHOWN_COMPONENTS, notable_deflections
 
@@ -149,13 +149,14 @@ def _torque(replay: Replay, summary: Summary, units: Units) -> PageSection:
                 UNKNOWN if one['lag'] is None else engineering(one['lag'], 's'),
             ]
         rows.append(row)
+    title = 'torque: measured, and measured minus computed'
     return PageSection(
         'Torque',
         'Measured effort and that of the models for the recorded motion. rms and bias are of '
         'measured minus computed. A positive lag means that the measured effort is later, a dash '
         'that the two are too different.',
         figures,
-        [PageTable(head, rows)] if summary['torque'] else [],
+        [PageTable(head, rows, title=title)] if summary['torque'] else [],
     )
 
 
@@ -171,7 +172,7 @@ def _shares(summary: Summary) -> PageSection:
         f'Share of the {of}, mean square, that each term of the best model explains; a term that '
         'opposes it has a negative share. With the unexplained rest they add up to 100 %.',
         [],
-        [PageTable(['joint', *shares], rows)],
+        [PageTable(['joint', *shares], rows, title=f'shares of the {of}, mean square')],
     )
 
 
@@ -200,7 +201,7 @@ def _friction(summary: Summary, units: Units) -> PageSection | None:
         'residuals that are correlated over one second; those in brackets assume independent '
         'samples, which they are not.',
         [],
-        [PageTable(head, rows)],
+        [PageTable(head, rows, title='friction, fitted, SI units')],
     )
 
 
@@ -229,12 +230,13 @@ def _deflection(replay: Replay, summary: Summary) -> PageSection | None:
         for name, one in agreements.items()
         if name in shown
     ]
+    head = ('topic', 'deflection', 'peak', 'replay off by, rms')
     return PageSection(
         'Deflection of the flexible links',
         'Tip deflection in the beam frame along the recorded joint motion, beside that of the '
         'bag.',
         [line_figure(panels)],
-        [PageTable(('topic', 'deflection', 'peak', 'replay off by, rms'), rows)] if rows else [],
+        [PageTable(head, rows, title='deflection')] if rows else [],
     )
 
 
@@ -267,13 +269,15 @@ def _adapted(replay: Replay) -> PageSection | None:
         low, high = found.bounds[k]
         supported = 'yes' if found.supported[k] else 'no'
         rows.append([path, f'{found.start[k]:.5g}', last, supported, f'{low:.4g} to {high:.4g}'])
+    title = 'tracked numbers, SI units (95 %)'
+    title += f'; at the end: {found.cause}' if found.cause else ''
     return PageSection(
         'Tracked numbers',
         'Numbers of the model as the predictor tracks them with `adapt`, SI units, within their '
         'bounds. Values change only while the motion shows them. The rest of the model may be off '
         f'by {100.0 * found.model_error:.2g} % of its torques.',
         [line_figure(panels)] if len(found.t) else [],
-        [PageTable(('number', 'start', 'last', 'supported', 'bounds'), rows)],
+        [PageTable(('number', 'start', 'last', 'supported', 'bounds'), rows, title=title)],
     )
 
 
@@ -303,8 +307,8 @@ def _percent(share: float | None) -> str:
     return UNKNOWN if share is None else f'{100.0 * share:.1f} %'
 
 
-def lines(summary: dict[str, Any]) -> Iterator[str]:
-    """Yield a replay's numbers as lines of text for the terminal."""
+def lines(shown: ReportPage, summary: Summary) -> Iterator[str]:
+    """Yield a replay's numbers as lines of text for the terminal: the tables of its page."""
     yield (
         f'{summary["bag"]}: {summary["samples"]} joint states in {summary["duration_s"]:.4g} s, '
         f'{summary["derivative"]} {summary["cutoff_hz"]:.3g} Hz'
@@ -312,93 +316,9 @@ def lines(summary: dict[str, Any]) -> Iterator[str]:
     for what in ('held_joints', 'ignored_joints'):
         if summary[what]:
             yield f'  {what.replace("_", " ")}: {", ".join(summary[what])}'
-    if summary['torque']:
-        yield 'torque: measured, and measured minus computed [N m, N]'
-        yield text_table(_torque_rows(summary))
-    of = 'measured effort' if summary['torque'] else 'computed torque (no effort was measured)'
-    yield f'shares of the {of}, mean square [%]'
-    yield text_table(_share_rows(summary))
-    if summary['friction']:
-        yield 'friction, fitted (SI units; standard errors by windows of a second)'
-        yield text_table(_friction_rows(summary['friction']))
-    if summary['adapted']:
-        cause = summary['adapted']['cause']
-        yield f'tracked numbers, SI units (95 %){f"; at the end: {cause}" if cause else ""}'
-        yield text_table(_adapted_rows(summary['adapted']))
-    if rows := _deflection_rows(summary):
-        yield 'deflection (m or rad)'
-        yield text_table(rows)
+    for section in filter(None, shown.sections):
+        yield from (table.text() for table in section.tables if table.title)
     if summary['output']:
         yield f'bag     {summary["output"]}'
     for doubt in summary['doubts']:
         yield f'doubtful: {doubt}'
-
-
-def _torque_rows(summary: dict[str, Any]) -> list[Row]:
-    rows = []
-    for joint in summary['joints']:
-        row: Row = {'joint': joint}
-        for model, joints in summary['torque'].items():
-            one = joints.get(joint, {})
-            lag = one.get('lag')
-            row['effort rms'] = one.get('measured_rms')
-            row |= {f'{model} {what}': one.get(what) for what in ('rms', 'bias')}
-            row[f'{model} lag [ms]'] = None if lag is None else 1e3 * lag
-        rows.append(row)
-    return rows
-
-
-def _share_rows(summary: dict[str, Any]) -> list[Row]:
-    return [
-        {
-            'joint': joint,
-            **{
-                name: None if share[joint] is None else f'{100.0 * share[joint]:.1f}'
-                for name, share in summary['shares'].items()
-            },
-        }
-        for joint in summary['joints']
-    ]
-
-
-def _friction_rows(friction: dict[str, Any]) -> list[Row]:
-    rows = []
-    for joint, fit in friction.items():
-        row: Row = {'joint': joint}
-        for term in ('viscous', 'coulomb', 'offset'):
-            row[term] = fit[term]
-            row['± ' + term] = fit['standard_error_by_window'][term]
-        row |= {'rms before': fit['rms_before'], 'rms after': fit['rms_after']}
-        row['explained %'] = round(100.0 * fit['explained'], 1)
-        rows.append(row)
-    return rows
-
-
-def _adapted_rows(adapted: dict[str, Any]) -> list[Row]:
-    return [
-        {
-            'number': path,
-            'start': one['start'],
-            'last': one['value'],
-            '±': one['half_interval'],
-            'supported': 'yes' if one['supported'] else 'no',
-            'lowest': min(one['values'], default=None),
-            'highest': max(one['values'], default=None),
-        }
-        for path, one in adapted['numbers'].items()
-    ]
-
-
-def _deflection_rows(summary: dict[str, Any]) -> list[Row]:
-    return [
-        {
-            'deflection': name,
-            'of': topic,
-            'peak': one['measured_peak'],
-            'replay off by, rms': one['rms'],
-            '% of peak': 100.0 * one['rms'] / one['measured_peak'],
-        }
-        for topic, agreements in summary['deflection'].items()
-        for name, one in agreements.items()
-        if one['measured_peak']
-    ]

@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import zip_longest
 from typing import Any
 
 Row = dict[str, Any]
 
 
 def text_table(rows: Sequence[Row]) -> str:
-    """Return rows of equal keys as aligned columns."""
-    cells = [list(rows[0])] + [[cell_text(value) for value in row.values()] for row in rows]
-    widths = [max(len(line[k]) for line in cells) for k in range(len(cells[0]))]
+    """Return rows of equal keys as aligned columns; '' for no rows."""
+    heads = [list(row) for row in rows[:1]]
+    return aligned([*heads, *([cell_text(value) for value in row.values()] for row in rows)])
+
+
+def aligned(cells: Sequence[Sequence[str]]) -> str:
+    """Return lines of cells as aligned columns; a line may have fewer than others."""
+    widths = [max(map(len, column)) for column in zip_longest(*cells, fillvalue='')]
     lines = [
-        '  '.join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip()
+        '  '.join(cell.ljust(width) for cell, width in zip(line, widths, strict=False)).rstrip()
         for line in cells
     ]
     return '\n'.join(f'  {line}' for line in lines)

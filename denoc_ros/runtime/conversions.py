@@ -117,13 +117,10 @@ class JointStateReader:
         self._bounds = bounds
         self.joints = tuple(joints)
         self.stamp_ns = 0
-        self.position: Array = np.zeros(n)
-        self.velocity: Array = np.zeros(n)
-        self.effort: Array = np.zeros(n)
+        self._rows: Array = np.zeros((len(FIELDS), n))  # of one message: who takes one may keep it
         self.has_velocity = False
         self.has_effort = False
         self._joints_known = None if allow_extra else tuple(known or joints)
-        self._none: Array = np.zeros(n)
         self._layout: JointStateLayout | None = None  # of the last message
         self._fields: list[str] = []  # that it has, and where their values are
         self._places: NDArray[np.intp] = np.zeros((0, n), dtype=np.intp)
@@ -154,16 +151,32 @@ class JointStateReader:
         if taker is not None:
             limits = self._unbounded if self._bounds is None else self._bounds.table
             stamp_ns = taker.take(raw, limits)
-            _, has_velocity, has_effort = taker.given.tolist()
+            _, has_velocity, has_effort = taker.given
             if stamp_ns != OTHER and (has_effort or not with_effort):
                 if admit is not None:
                     admit(stamp_ns)
-                # of this message alone: who takes one of these arrays may keep it
-                self.position, self.velocity, self.effort = taker.values.copy()
-                self.stamp_ns = stamp_ns
-                self.has_velocity, self.has_effort = bool(has_velocity), bool(has_effort)
+                self.stamp_ns, self._rows = stamp_ns, taker.values.copy()
+                self.has_velocity, self.has_effort = has_velocity == 1, has_effort == 1
                 return
         self._read_stepwise(raw, admit, with_effort)
+
+    @property
+    def position(self) -> Array:
+        """Positions (n,) of the last message."""
+        row: Array = self._rows[0]
+        return row
+
+    @property
+    def velocity(self) -> Array:
+        """Velocities (n,) of the last message."""
+        row: Array = self._rows[1]
+        return row
+
+    @property
+    def effort(self) -> Array:
+        """Efforts (n,) of the last message."""
+        row: Array = self._rows[2]
+        return row
 
     def _read_stepwise(
         self, raw: bytes, admit: Callable[[int], None] | None, with_effort: bool
@@ -173,27 +186,25 @@ class JointStateReader:
         if layout is None or not layout.fits(raw):
             layout = self._learn(raw)
         stamp_ns = layout.stamp_ns(raw)
-        rows = layout.words(raw)[self._places].astype(np.float64, copy=False)
-        given: dict[str, Array] = {}
-        for what, values in zip(self._fields, rows, strict=True):
+        found = layout.words(raw)[self._places].astype(np.float64, copy=False)
+        rows, given = np.zeros_like(self._rows), set()
+        for what, values in zip(self._fields, found, strict=True):
             numbers = values.tolist()
             if all(map(math.isfinite, numbers)):
-                given[what] = values
+                rows[FIELDS.index(what)] = values
+                given.add(what)
             elif what == 'position' or not any(map(math.isnan, numbers)):
                 require_finite(what, values)
-        position = given.get('position', self._none)  # of no joints
-        velocity, effort = given.get('velocity'), given.get('effort')
+        has_velocity, has_effort = 'velocity' in given, 'effort' in given
         if self._bounds is not None:
-            self._bounds.require(position, velocity)
-        if with_effort and effort is None:
+            self._bounds.require(rows[0], rows[1] if has_velocity else None)
+        if with_effort and not has_effort:
             has = 'NaN' if 'effort' in self._fields else 'none'
             raise InputError('missing_effort', f'effort must be given, got {has}')
         if admit is not None:
             admit(stamp_ns)
-        self.stamp_ns, self.position = stamp_ns, position
-        self.has_velocity, self.has_effort = velocity is not None, effort is not None
-        self.velocity = self._none if velocity is None else velocity
-        self.effort = self._none if effort is None else effort
+        self.stamp_ns, self._rows = stamp_ns, rows
+        self.has_velocity, self.has_effort = has_velocity, has_effort
 
     def _learn(self, raw: bytes) -> JointStateLayout:
         """Remember where the values of a layout stand and which joint is where."""
@@ -235,7 +246,7 @@ class NumberTaker:
     ----------
     values : (3, n) array
         Of the last message; zeros where it has none.
-    given : (3,) array of int
+    given : memoryview of three int
         1 where it has them.
     """
 
@@ -248,7 +259,8 @@ class NumberTaker:
     ) -> None:
         n = len(places)
         self.values: Array = np.zeros((len(FIELDS), n))
-        self.given = np.zeros(len(FIELDS), dtype=np.int64)
+        given = np.zeros(len(FIELDS), dtype=np.int64)
+        self.given = given.data  # read without an array's detours
         rows = np.full((len(FIELDS), n), -1, dtype=np.int64)
         for row, start in zip(rows, starts, strict=True):
             if start is not None:
@@ -263,7 +275,7 @@ class NumberTaker:
             (FIXED, parts),
             (PLACES, rows),
             (VALUES, self.values),
-            (GIVEN, self.given),
+            (GIVEN, given),
         ):
             self._record[at] = array.ctypes.data
         self._record[[LENGTH, PARTS, JOINTS, BYTES_TYPE]] = len(raw), len(parts), n, bytes_type()

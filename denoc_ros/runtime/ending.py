@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import faulthandler
+import gc
 import os
 import signal
 import sys
@@ -80,6 +81,7 @@ def begin() -> None:
     name = started_node()
     if name:
         SIGNALS.end_at_once()
+        gc.disable()  # modules stay: the node collects once a second, when it is there
         with suppress(OSError, ValueError):
             print(f'{name}: starting', flush=True)
 

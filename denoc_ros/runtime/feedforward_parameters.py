@@ -65,13 +65,12 @@ def _strain_parameters() -> tuple[Parameter, ...]:
     return (
         parameter(
             'feedback.strain_gain',
-            [],
+            Kind.DOUBLES,
             'damping torque per strain rate, for each driven joint from a gauge on the link '
             'behind it; empty: off. Refused unless it dissipates power in every mode of the '
             'model',
             'N m s, N s',
             0.0,
-            kind=Kind.DOUBLES,
         ),
         parameter(
             'feedback.strain_limit',
@@ -101,9 +100,8 @@ TABLE = ParameterTable(
         *range_parameters(),
         parameter(
             'joints',
-            [],
+            Kind.STRINGS,
             'driven joints, in the order of the commands; empty: all but mimic joints',
-            kind=Kind.STRINGS,
         ),
         parameter(
             'model',
@@ -189,11 +187,10 @@ TABLE = ParameterTable(
         ),
         parameter(
             'effort_limits',
-            [],
+            Kind.DOUBLES,
             "largest effort, one per driven joint; empty: the URDF's",
             'N m, N',
             0.0,
-            kind=Kind.DOUBLES,
         ),
         parameter('enforce_command_limits', True, 'clamp the torque to the effort limits'),
         parameter(
@@ -207,12 +204,11 @@ TABLE = ParameterTable(
         ),
         parameter(
             'impedance.stiffness',
-            [],
+            Kind.DOUBLES,
             "also publish `~/impedance_commands` with this stiffness of the drives' own loop, one "
             'value or one per joint; empty: off',
             'N m/rad, N/m',
             0.0,
-            kind=Kind.DOUBLES,
         ),
         parameter(
             'impedance.damping',

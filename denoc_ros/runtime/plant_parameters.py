@@ -57,7 +57,7 @@ TABLE = ParameterTable(
             "MJCF file of objects in the world, which the robot's collision geometry touches, for "
             'engine `mujoco`',
         ),
-        parameter('joints', [], 'driven joints; empty: all but mimic joints', kind=Kind.STRINGS),
+        parameter('joints', Kind.STRINGS, 'driven joints; empty: all but mimic joints'),
         parameter('command', 'feedforward/commands', 'topic of the commanded effort'),
         parameter(
             'impedance_command',
@@ -80,11 +80,10 @@ TABLE = ParameterTable(
         ),
         parameter(
             'start',
-            [],
+            Kind.DOUBLES,
             'joint positions at the start; empty: 0; `~/reset` goes there',
             'rad, m',
             live=True,
-            kind=Kind.DOUBLES,
         ),
         parameter(
             'start_deflection',
@@ -144,9 +143,8 @@ TABLE = ParameterTable(
         ),
         parameter(
             'lockstep.partners',
-            [],
+            Kind.STRINGS,
             'nodes whose answers each step waits for, all with `use_sim_time`',
-            kind=Kind.STRINGS,
         ),
         parameter(
             'lockstep.timeout',

@@ -46,9 +46,8 @@ TABLE = ParameterTable(
         *range_parameters(),
         parameter(
             'joints',
-            [],
+            Kind.STRINGS,
             'measured joints; the others stay at 0; empty: all but mimic joints',
-            kind=Kind.STRINGS,
         ),
         EXTRA_JOINTS,
         replace(SOURCE, name='source'),
@@ -71,22 +70,20 @@ TABLE = ParameterTable(
         *OBSERVER.rows(),
         parameter(
             'adapt',
-            [],
+            Kind.STRINGS,
             'numbers of the model that are tracked by effort and sensors: dotted paths, with `*` '
             'for any text, such as `payload.tool.mass` or `beam.*.ei`; empty: off',
             live=True,
-            kind=Kind.STRINGS,
         ),
         parameter(
             'adapt_bounds',
-            [],
+            Kind.DOUBLES,
             'lowest and highest value of each number of `adapt`, in its order; empty: half to one '
             'and a half of the present values',
             'SI',
             0.0,
             1e12,
             live=True,
-            kind=Kind.DOUBLES,
         ),
         *TRACKER.rows(),
         parameter(

@@ -21,9 +21,8 @@ TABLE = ParameterTable(
         ),
         parameter(
             'topics',
-            [],
+            Kind.STRINGS,
             'topics to record, as names or patterns with `*`; empty: all but hidden ones',
-            kind=Kind.STRINGS,
         ),
         parameter(
             'urdf_path',

@@ -116,6 +116,8 @@ class ReferenceFollower:
 
     def age(self, now: float) -> float:
         """Return how long ago [s] the last streamed point came; 0 for a trajectory."""
+        if self._point is None and not self._coming:
+            return 0.0
         with self._lock:
             self._take_due(now)
             return now - self._point_time if self._point is not None else 0.0
@@ -251,7 +253,8 @@ class ReferenceFollower:
     def sample(self, now: float, q: Array, qd: Array, qdd: Array) -> bool:
         """Write the motion wanted at steady `now` into (n,) arrays; say whether there is one."""
         with self._lock:
-            self._take_due(now)
+            if self._coming:
+                self._take_due(now)
             return self._evaluate(now, q, qd, qdd)
 
     def _take_due(self, now: float) -> None:
@@ -274,9 +277,11 @@ class ReferenceFollower:
     def _evaluate(self, now: float, q: Array, qd: Array, qdd: Array) -> bool:
         if self._now is not None:
             self._now.sample(now - self._now_start, q, qd, qdd)
-        elif self._point is not None:
+            return True
+        if self._point is not None:
             self._extrapolate(now, q, qd, qdd)
-        return self._has_current()
+            return True
+        return False
 
     def _extrapolate(self, now: float, q: Array, qd: Array, qdd: Array) -> None:
         assert self._point is not None

@@ -25,9 +25,8 @@ TABLE = ParameterTable(
         *range_parameters(),
         parameter(
             'joints',
-            [],
+            Kind.STRINGS,
             'driven joints of a robot with loops; empty: all but mimic joints',
-            kind=Kind.STRINGS,
         ),
         parameter(
             'method',
@@ -106,12 +105,11 @@ TABLE = ParameterTable(
         *(
             parameter(
                 f'limits.{what}',
-                [],
+                Kind.DOUBLES,
                 f'largest {what}, one or one per driven joint; empty: {none}',
                 unit,
                 positive=True,
                 live=True,
-                kind=Kind.DOUBLES,
             )
             for what, unit, none in (
                 ('velocity', 'rad/s, m/s', "the URDF's"),
@@ -123,13 +121,12 @@ TABLE = ParameterTable(
         ),
         parameter(
             'servo.bandwidth',
-            [],
+            Kind.DOUBLES,
             'natural frequency with which the joints follow commands, one or one per joint; '
             'empty: they follow exactly (see `denoc identify servo`)',
             'Hz',
             positive=True,
             live=True,
-            kind=Kind.DOUBLES,
         ),
         parameter(
             'servo.damping',

@@ -42,10 +42,9 @@ def robot_parameters() -> tuple[Parameter, ...]:
         ),
         parameter(
             'posture',
-            [],
+            Kind.DOUBLES,
             'seed positions of all joints of the tree, near which its loops are closed; empty: 0',
             'rad, m',
-            kind=Kind.DOUBLES,
         ),
         parameter(
             'geometric_stiffness',

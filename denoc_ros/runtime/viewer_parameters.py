@@ -24,9 +24,8 @@ TABLE = ParameterTable(
         ),
         parameter(
             'origins',
-            [],
+            Kind.STRINGS,
             "host names of other web pages that may open this page's socket; this machine may",
-            kind=Kind.STRINGS,
         ),
         parameter('port', 8080, 'port of the page; 0: a free one', '', 0, 65535),
         parameter(

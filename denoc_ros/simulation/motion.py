@@ -333,7 +333,6 @@ def checked_vector(value: Array, n: int, name: str, t: float | None = None) -> A
     Parameters
     ----------
     value : (n,) array
-    n : int
     name : str
         Named in errors.
     t : float, optional

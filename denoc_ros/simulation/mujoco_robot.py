@@ -29,21 +29,11 @@ SCENE = 'scene/'  # before the names of what a scene adds
 
 
 class MujocoSettings(NamedTuple):
-    """How MuJoCo simulates a robot.
+    """How MuJoCo simulates a robot."""
 
-    Attributes
-    ----------
-    segments : int
-        Hinges per beam and deformation.
-    scene : str
-        Path of an MJCF file of objects in the world; '': none.
-    static : bool
-        Whether it starts in equilibrium, its joints held.
-    """
-
-    segments: int = SEGMENTS
-    scene: str = ''
-    static: bool = True
+    segments: int = SEGMENTS  # hinges per beam and deformation
+    scene: str = ''  # path of an MJCF file of objects in the world; '': none
+    static: bool = True  # whether it starts in equilibrium, its joints held
 
 
 class MujocoRobot:
@@ -61,8 +51,6 @@ class MujocoRobot:
         [s]; MuJoCo takes as many steps of its own as its chains need.
     start : (n,) array
         Where it starts, loops closed.
-    drives : Drives
-    settings : MujocoSettings
 
     Raises
     ------

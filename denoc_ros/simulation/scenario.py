@@ -263,24 +263,12 @@ class ScenarioInputs:
 
 @dataclass(frozen=True)
 class ModelSettings:
-    """Settings of the model in a scenario.
+    """Settings of the model in a scenario."""
 
-    Attributes
-    ----------
-    gravity : tuple of float
-        (3,) base frame [m/s^2].
-    geometric_stiffness : bool
-        Whether beams foreshorten.
-    overrides : mapping
-        Dotted path -> number, or several.
-    plant : PlantDescription
-        How its beams are described, where not as in the file.
-    """
-
-    gravity: tuple[float, float, float]
-    geometric_stiffness: bool
-    overrides: Mapping[str, float | list[float]]
-    plant: PlantDescription
+    gravity: tuple[float, float, float]  # base frame [m/s^2]
+    geometric_stiffness: bool  # whether beams foreshorten
+    overrides: Mapping[str, float | list[float]]  # by dotted path
+    plant: PlantDescription  # how its beams are described, where not as in the file
 
     def load(
         self,
@@ -301,37 +289,18 @@ class ModelSettings:
 
 @dataclass(frozen=True)
 class Scenario:
-    """A simulation to be run.
+    """A simulation to be run."""
 
-    Attributes
-    ----------
-    q0, qd0 : (n,) arrays
-        Start.
-    times : (k,) array
-        Output times [s].
-    torque : callable or None
-        As `simulate` takes it.
-    prescribed : mapping
-        As `simulate` takes it.
-    reference : Trajectory or None
-        What the joints are meant to do, over all joint names.
-    rtol : float
-        Tolerance.
-    method : str
-        Integrator.
-    base : SwayingBase or None
-        The motion of the base; None: at rest, or floating.
-    """
-
+    # (n,) start
     q0: Array
     qd0: Array
-    times: Array
-    torque: Torque | None = None
-    prescribed: Prescribed = field(default_factory=dict)
-    reference: Trajectory | None = None
+    times: Array  # (k,) of the output [s]
+    torque: Torque | None = None  # as `simulate` takes it
+    prescribed: Prescribed = field(default_factory=dict)  # as `simulate` takes it
+    reference: Trajectory | None = None  # desired motion of all joints
     rtol: float = 1e-8
     method: str = 'DOP853'
-    base: SwayingBase | None = None
+    base: SwayingBase | None = None  # its motion; None: at rest, or floating
 
     def run(self, robot: Robot, progress: bool = False) -> Run:
         """Simulate; raises the errors of `simulate`."""

@@ -16,20 +16,12 @@ from denoc_ros.types import Array, IntArray
 
 
 class Drives(NamedTuple):
-    """The drives of a simulated robot.
+    """The drives of a simulated robot."""
 
-    Attributes
-    ----------
-    given : sequence of str
-        Joints that stand still while the drives do: all but those that loops move.
-    coordinates : (k,) int array
-        Those of the driven joints.
-    kp, kd : (k,) arrays
-        Gains of their own feedback [N m/rad, N/m] and [N m s/rad, N s/m].
-    """
-
+    # joints that stand still while the drives do: all but those that loops move
     given: Sequence[str]
-    coordinates: IntArray
+    coordinates: IntArray  # (k,) of the driven joints
+    # (k,) gains of their own feedback [N m/rad, N/m] and [N m s/rad, N s/m]
     kp: Array
     kd: Array
 
@@ -43,8 +35,6 @@ class SimulatedRobot(Protocol):
         Its description: names, coordinates, sensors.
     q, qd : (n,) arrays
         Coordinates and rates of `robot`; an engine without amplitudes projects its state on them.
-    qdd : (n,) array
-        Mean accelerations over the last step.
     step : float
         Length of a step [s].
     start : (n,) array
@@ -54,9 +44,12 @@ class SimulatedRobot(Protocol):
     robot: Robot
     q: Array
     qd: Array
-    qdd: Array
     step: float
     start: Array
+
+    @property
+    def qdd(self) -> Array:
+        """Mean accelerations (n,) over the last step."""
 
     def place(self) -> None:
         """Put it to rest at its start."""
@@ -93,7 +86,6 @@ class ModalRobot:
     step : float [s]
     start : (n,) array
         Where it starts, loops closed.
-    drives : Drives
     """
 
     def __init__(self, robot: Robot, step: float, start: Array, drives: Drives) -> None:
@@ -110,7 +102,7 @@ class ModalRobot:
             (k, 1 if sensor.direction == 'y' else 2, *robot.section(sensor.link, sensor.station))
             for k, sensor in composed_sensors(robot)
         ]
-        self.q, self.qd, self.qdd = np.zeros((3, robot.n))
+        self.q, self.qd, self._qd_before = np.zeros((3, robot.n))
         self.place()
         self._warm_up()
 
@@ -127,29 +119,32 @@ class ModalRobot:
 
     def place(self) -> None:
         """Put it to rest at its start."""
-        self.q[:], self.qd[:], self.qdd[:] = self.start, 0.0, 0.0
+        self.q[:], self.qd[:], self._qd_before[:] = self.start, 0.0, 0.0
 
     def follow(self, before: SimulatedRobot) -> None:
         """Take over the state of the same robot with other numbers."""
-        self.q[:], self.qd[:], self.qdd[:] = before.q, before.qd, before.qdd
+        self.q[:], self.qd[:] = before.q, before.qd
+        self._qd_before[:] = before.qd - self.step * before.qdd
+
+    @property
+    def qdd(self) -> Array:
+        """Accelerations (n,): the change of the rates in the last step, over it."""
+        return np.asarray((self.qd - self._qd_before) / self.step)
 
     def hold(self) -> None:
         """Take a step with the drives standing still."""
         self._begin()
         self._stepper.driven(self.q, self.qd, self._still)
-        self._end()
 
     def free(self, tau: Array) -> None:
         """Take a step under generalized forces tau (n,)."""
         self._begin()
         self._stepper.free(self.q, self.qd, tau)
-        self._end()
 
     def controlled(self, tau: Array) -> None:
         """Take a step under tau - kp q - kd q' of the driven joints, the feedback implicit."""
         self._begin()
         self._feedback_stepper.free(self.q, self.qd, tau)
-        self._end()
 
     def sensor_values(self) -> Array:
         """Return the values (sensors,) of `robot.tree.sensors`; the array is used again."""
@@ -170,8 +165,4 @@ class ModalRobot:
 
     def _begin(self) -> None:
         self._base.wrap(self.q, self.qd)
-        self.qdd[:] = self.qd
-
-    def _end(self) -> None:
-        np.subtract(self.qd, self.qdd, out=self.qdd)
-        self.qdd /= self.step
+        self._qd_before[:] = self.qd

@@ -18,7 +18,7 @@ from denoc_ros.kernels.closing import OPEN
 from denoc_ros.model.segments import whole_beams
 from denoc_ros.model.tree import Body
 from denoc_ros.types import Array
-from denoc_ros.viewer.outline import STEEL, Colour, LinkSurface, outlines
+from denoc_ros.viewer.outline import STEEL, Colour, LinkSurface, joined_faces, outlines
 
 Indices = NDArray[np.int64]
 
@@ -304,9 +304,6 @@ def _above(
 def _merged(pieces: list[tuple[Array, Indices]]) -> tuple[Array, Indices]:
     from trimesh import Trimesh
 
-    first = np.cumsum([0, *(len(vertices) for vertices, _ in pieces)])
-    mesh = Trimesh(
-        np.vstack([vertices for vertices, _ in pieces]),
-        np.vstack([faces + k for (_, faces), k in zip(pieces, first, strict=False)]),
-    )
+    vertices, faces = zip(*pieces, strict=True)
+    mesh = Trimesh(np.vstack(vertices), joined_faces(faces, list(map(len, vertices))))
     return np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int64)

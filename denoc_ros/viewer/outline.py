@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import logging
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -41,6 +41,12 @@ class LinkSurface:
     vertices: Array  # (v, 3) [m], in the link frame
     faces: Indices  # (f, 3) int triangles of vertices
     colour: Colour
+
+
+def joined_faces(faces: Sequence[Indices], vertices: Sequence[int]) -> Indices:
+    """Return triangles of surfaces of so many vertices each, one behind another."""
+    first = np.cumsum([0, *vertices])
+    return np.vstack([part + start for part, start in zip(faces, first, strict=False)])
 
 
 def outlines(robot: Robot, folder: Path | None = None) -> list[LinkSurface]:

@@ -13,7 +13,7 @@ from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import StateError
 from denoc_ros.types import Array
 from denoc_ros.viewer.bending import Bending, exaggerated, strain_colours
-from denoc_ros.viewer.outline import reach
+from denoc_ros.viewer.outline import joined_faces, reach
 
 Indices = NDArray[np.int64]
 
@@ -159,13 +159,11 @@ class SceneSetup:
         surfaces = [part.vertices for part in self._bending.rigid] + list(flexible)
         parts = [part.faces for part in self._bending.rigid]
         parts += [part.faces for part in self._bending.flexible]
-        firsts = np.cumsum([0, *map(len, surfaces)])
-        faces = [part + first for part, first in zip(parts, firsts, strict=False)]
         sides = [
             np.full(len(part), _side(surface[part]))
             for part, surface in zip(parts, surfaces, strict=True)
         ]
-        return np.concatenate(faces), np.concatenate(sides)
+        return joined_faces(parts, list(map(len, surfaces))), np.concatenate(sides)
 
     def _chosen_scale(self, states: Array, straight: Array) -> float:
         size = reach(self._robot)

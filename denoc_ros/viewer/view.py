@@ -24,7 +24,7 @@ from denoc_ros.viewer.bending import (
     exaggerated,
     strain_colours,
 )
-from denoc_ros.viewer.outline import STEEL, Colour, LinkSurface, reach
+from denoc_ros.viewer.outline import STEEL, Colour, LinkSurface, joined_faces, reach
 from denoc_ros.viewer.overlays import REACTION, REACTION_MOMENT, TORQUE, Overlays
 from denoc_ros.viewer.snapshot import Snapshot
 
@@ -74,9 +74,8 @@ class _Bands:
     """Bent surfaces as one mesh per colour: a triangle is in that of its strain."""
 
     def __init__(self, scene: Any, bending: Bending) -> None:
-        first = np.cumsum([0, *(part.vertices for part in bending.flexible)])
-        parts = zip(bending.flexible, first, strict=False)
-        self._faces = np.vstack([part.faces + k for part, k in parts])
+        parts = bending.flexible
+        self._faces = joined_faces([p.faces for p in parts], [p.vertices for p in parts])
         levels = strain_colours(np.linspace(-1.0, 1.0, BANDS), 1.0)
         colours: list[Colour] = [(int(r), int(g), int(b)) for r, g, b in levels]
         colours.append(STEEL)
@@ -178,11 +177,10 @@ class _Together:
         colour: Colour,
         opacity: float | None,
     ) -> None:
-        self._own = np.repeat(members, [len(parts[k].vertices) for k in members])
+        counts = [len(parts[k].vertices) for k in members]
+        self._own = np.repeat(members, counts)
         self._vertices = np.vstack([parts[k].vertices for k in members])
-        first = np.cumsum([0, *(len(parts[k].vertices) for k in members)])
-        pairs = zip(members, first, strict=False)
-        faces = np.vstack([parts[k].faces + start for k, start in pairs])
+        faces = joined_faces([parts[k].faces for k in members], counts)
         self.handle = scene.add_mesh_simple(
             name, self._vertices, faces, color=colour, opacity=opacity, flat_shading=True
         )

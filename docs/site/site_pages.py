@@ -430,7 +430,14 @@ def analyze(analyzer: ModuleAnalyzer) -> None:
 
 
 class RememberedNames(PythonDomain):
-    """Names of the reference, each sought once: a type stands in thousands of signatures."""
+    """Names of the reference, each sought once: a type stands in thousands of signatures.
+
+    Those that end as no object does, such as `float`, are not sought among all objects.
+    """
+
+    count = 0  # of the objects of which this is remembered
+    ends: frozenset[str] = frozenset()
+    known: dict[tuple[object, ...], list[tuple[str, ObjectEntry]]]
 
     def find_obj(
         self,
@@ -442,12 +449,20 @@ class RememberedNames(PythonDomain):
         searchmode: int = 0,
     ) -> list[tuple[str, ObjectEntry]]:
         """Return the objects of a name, as seen from a module and a class."""
-        known = self.__dict__.setdefault('known', {})
-        key = (len(self.objects), modname, classname, name, type, searchmode)
-        if key not in known:
-            known[key] = super().find_obj(env, modname, classname, name, type, searchmode)
-        found: list[tuple[str, ObjectEntry]] = known[key]
-        return found
+        if self.count != len(self.objects):
+            self.count, self.known = len(self.objects), {}
+            self.ends = frozenset(map(last_name, self.objects))
+        if last_name(name) not in self.ends:
+            return []
+        key = modname, classname, name, type, searchmode
+        if key not in self.known:
+            self.known[key] = super().find_obj(env, modname, classname, name, type, searchmode)
+        return self.known[key]
+
+
+def last_name(name: str) -> str:
+    """Return the last part of a dotted name, as roles may give it."""
+    return name.removesuffix('()').rpartition('.')[2]
 
 
 def setup(app: Sphinx) -> dict[str, bool]:

@@ -14,7 +14,8 @@ from denoc_ros.bags.joint_state import FIELDS, JointStateMessage
 from denoc_ros.dynamics.deflection import TipDeflections
 from denoc_ros.dynamics.robot import load_robot
 from denoc_ros.errors import StateError
-from denoc_ros.estimation.tracking import MEMORY, TrackingFilter
+from denoc_ros.estimation.tracking import TrackingFilter
+from denoc_ros.kernels.joint_tracking import MEMORY
 from denoc_ros.model.tree import Limits
 from denoc_ros.runtime.conversions import LARGEST_EFFORT, JointStateReader
 from denoc_ros.runtime.input_monitor import InputError

@@ -7,6 +7,7 @@ import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 import scipy.sparse
@@ -18,7 +19,6 @@ from denoc_ros.errors import IdentificationError
 from denoc_ros.estimation.joint_motion import (
     LocalPolynomials,
     SmoothedMotion,
-    smooth,
     stretch_starts,
 )
 from denoc_ros.estimation.torque_along import TorqueReplay
@@ -31,7 +31,8 @@ from denoc_ros.model.friction import Friction
 from denoc_ros.types import Array, Flags
 
 FINEST = 0.3  # of the sampling rate: the cutoff of smoothing, as high as it goes
-STEPS = 0.7 ** np.arange(8)  # cutoffs that are tried, in terms of the finest
+TRIED = tuple(FINEST * 0.7**k for k in range(8))  # cutoffs, of the sampling rate
+LONGEST = 401  # samples that tell how much each counts in its own smoothed value
 STILL = 6.0  # deviations of its noise within which a joint that stands still is seen
 FEWEST = 20  # samples that tell noise from motion
 PER_CUTOFF = 4.0  # samples of a smoothed channel that are kept, per period of the cutoff
@@ -86,16 +87,15 @@ def measured_motion(t: Array, position: Array, velocity: Array | None) -> Measur
     and its friction makes no torque that is known.
     """
     period = float(np.median(np.diff(t)))
-    tried: Array = np.asarray(FINEST / period * STEPS, dtype=np.float64)
     position = without_spikes(position)
     velocity = None if velocity is None else without_spikes(velocity)
-    signals = [position, velocity]
+    signals = [position] if velocity is None else [position, velocity]
     cutoffs: Array = np.zeros((2, position.shape[1]))
     noise: Array = np.zeros((2, position.shape[1]))
-    for row, values in enumerate(signals):
-        if values is not None:
-            cutoffs[row], noise[row] = _chosen(t, values, tried, period)
-    still = np.all([_is_noise(values) for values in signals if values is not None], axis=0)
+    chosen = _chosen(t, np.hstack(signals), period)
+    for rows, found in zip((cutoffs, noise), chosen, strict=True):
+        rows[: len(signals)] = found.reshape(len(signals), -1)
+    still = np.all([_is_noise(values) for values in signals], axis=0)
     position = np.where(still, np.median(position, axis=0), position)
     velocity = None if velocity is None else np.where(still, 0.0, velocity)
     noise[:, still] = 0.0
@@ -125,17 +125,17 @@ def _smoothed(
     return SmoothedMotion(q, qd, qdd)
 
 
-def _chosen(t: Array, values: Array, tried: Array, period: float) -> tuple[Array, Array]:
-    """Return the cutoff and the noise of each column (joints,)."""
-    scores, noises = np.empty((2, len(tried), values.shape[1]))
-    for row, cutoff in enumerate(tried):
-        left = values - smooth(t, values, cutoff=cutoff, period=period).q
-        kept = 1.0 - own_weight(len(t), cutoff, period)
+def _chosen(t: Array, values: Array, period: float) -> tuple[Array, Array]:
+    """Return the cutoff and the noise of each column of values (k, columns)."""
+    scores, noises = np.empty((2, len(TRIED), values.shape[1]))
+    for row, share in enumerate(TRIED):
+        left = values - LocalPolynomials(t, share / period, period)(values)[0]
+        kept = 1.0 - own_weight(min(len(t), LONGEST), share)
         square = np.mean(left**2, axis=0)
         scores[row], noises[row] = square / kept**2, np.sqrt(square / kept)
     best = np.argmin(scores, axis=0)
-    columns = np.arange(values.shape[1])
-    return tried[np.maximum(best - 1, 0)], noises[best, columns]
+    cutoffs: Array = np.asarray(TRIED)[np.maximum(best - 1, 0)] / period
+    return cutoffs, noises[best, np.arange(values.shape[1])]
 
 
 def _is_noise(values: Array) -> Flags:
@@ -147,13 +147,16 @@ def _is_noise(values: Array) -> Flags:
     return np.asarray((apart <= STILL * white).all(axis=0))
 
 
-def own_weight(count: int, cutoff: float, period: float) -> float:
-    """Return how much a sample counts in its own smoothed value."""
-    size = min(count, 401)
-    stamps: Array = period * np.arange(size, dtype=np.float64)
-    impulse: Array = np.zeros((size, 1))
-    impulse[size // 2] = 1.0
-    return float(smooth(stamps, impulse, cutoff=cutoff, period=period).q[size // 2, 0])
+@cache
+def own_weight(count: int, share: float) -> float:
+    """Return how much one of `count` samples counts in its own smoothed value.
+
+    The cutoff is a share of the sampling rate.
+    """
+    impulse: Array = np.zeros((count, 1))
+    impulse[count // 2] = 1.0
+    smoothed = LocalPolynomials(np.arange(count, dtype=np.float64), share, 1.0)
+    return float(smoothed(impulse)[0][count // 2, 0])
 
 
 class PreparedRun:

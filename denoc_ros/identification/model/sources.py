@@ -26,6 +26,7 @@ from denoc_ros.bags.tables import Table, is_table, read_table
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import BagError, IdentificationError
 from denoc_ros.model.tree import INERTIAL_PARTS
+from denoc_ros.settings import setting
 from denoc_ros.types import Array, Stamps
 
 FEWEST = 50  # joint states of a recording
@@ -126,7 +127,7 @@ def _shapes(count: int) -> list[tuple[int, ...]]:
 class RecordingSettings(RecordedWindow):
     """How recordings are read."""
 
-    topic: str = '/joint_states'  # of the joint states, from the first of which the window counts
+    topic: str = setting('/joint_states', 'joint states of a bag')
     # beginnings of joint names in a bag and what they are in the robot
     rename: Mapping[str, str] = field(default_factory=dict)
     # of a table: `joint.field` or `sensor.name` to a column, whatever its name

@@ -8,17 +8,16 @@ from pathlib import Path
 import numpy as np
 
 from denoc_ros.dynamics.robot import Robot, load_robot
-from denoc_ros.studies.benchmarks.growth import sloped
+from denoc_ros.studies.benchmarks.growth import Made, slope_lines
 from denoc_ros.studies.benchmarks.peers import Pinocchio, flexible_chain, rigid_chain
 from denoc_ros.studies.benchmarks.results import AT_MOST, BenchCheck, BenchLine, Reach
 from denoc_ros.studies.benchmarks.rigid import (
     SIZES,
     State,
-    beside,
-    check,
     conditioned,
+    driven,
+    pair,
     random_states,
-    results,
 )
 from denoc_ros.studies.benchmarks.timing import Effort, Subject, compare, ratio
 from denoc_ros.types import Array
@@ -48,31 +47,13 @@ def _rigid_lines(effort: Effort) -> Iterator[BenchLine]:
     for n, inverse, forward in zip(SIZES, REACH_INVERSE, REACH_FORWARD, strict=True):
         text = rigid_chain(n)
         robot, peer, states = load_robot(text), Pinocchio(text), random_states(load_robot(text))
-        driven = [(q, qd, robot.inverse_dynamics(q, qd, qdd)) for q, qd, qdd in states]
-        for verb, theirs, arguments, reach, limit in (
-            (
-                robot.inverse_dynamics_derivatives,
-                peer.inverse_derivatives(states),
-                states,
-                inverse,
-                TOLERANCE,
-            ),
-            (
-                robot.forward_dynamics_derivatives,
-                peer.forward_derivatives(driven),
-                driven,
-                forward,
-                max(TOLERANCE, conditioned(robot, states)),
-            ),
+        pushed, limit = driven(robot, states), max(TOLERANCE, conditioned(robot, states))
+        for verb, theirs, given, reach, least in (
+            ('inverse', peer.inverse_derivatives(states), states, inverse, TOLERANCE),
+            ('forward', peer.forward_derivatives(pushed), pushed, forward, limit),
         ):
-            ours = Subject(verb, arguments)
-            bare = Subject(verb, [(*state, None, None, False) for state in arguments])
-            against = f'pin.{theirs.call.__name__}'
-            whole = [full(each) for each in results(theirs)]
-            yield from beside(
-                'derivatives', f'{verb.__name__}, rigid n = {n}', against, (ours, bare, theirs),
-                check(results(ours), whole, against, limit), reach, effort,
-            )  # fmt: skip
+            ours = getattr(robot, f'{verb}_dynamics_derivatives')
+            yield from pair('derivatives', ours, given, theirs, reach, effort, least, full)
 
 
 def full(matrices: Array) -> Array:
@@ -85,20 +66,20 @@ def _ssrms_lines(file: Path, effort: Effort) -> Iterator[BenchLine]:
     """Yield the SSRMS: beside the functions themselves, and Pinocchio's rigid chain."""
     robot, text = load_robot(file), rigid_chain(load_robot(file).n)
     states = random_states(robot)
-    driven = [(q, qd, robot.inverse_dynamics(q, qd, qdd)) for q, qd, qdd in states]
+    pushed = driven(robot, states)
     chain, peer = load_robot(text), Pinocchio(text)
     rigid = random_states(chain)
-    pushed = [(q, qd, chain.inverse_dynamics(q, qd, qdd)) for q, qd, qdd in rigid]
+    thrown = driven(chain, rigid)
     inverse = Subject(robot.inverse_dynamics_derivatives, states)
-    forward = Subject(robot.forward_dynamics_derivatives, driven)
+    forward = Subject(robot.forward_dynamics_derivatives, pushed)
     theirs = (
         peer.inverse_dynamics(rigid),
         peer.inverse_derivatives(rigid),
-        peer.forward_dynamics(pushed),
-        peer.forward_derivatives(pushed),
+        peer.forward_dynamics(thrown),
+        peer.forward_derivatives(thrown),
     )
-    plain = (Subject(robot.inverse_dynamics, states), Subject(robot.forward_dynamics, driven))
-    checks = (check_inverse(robot, states), check_forward(robot, driven, states))
+    plain = (Subject(robot.inverse_dynamics, states), Subject(robot.forward_dynamics, pushed))
+    checks = (check_inverse(robot, states), check_forward(robot, pushed, states))
     size = f'SSRMS, {robot.n} coordinates'
     names = [f'{verb}_dynamics_derivatives, {size}' for verb in ('inverse', 'forward')]
     if not all(each.good for each in checks):
@@ -107,11 +88,11 @@ def _ssrms_lines(file: Path, effort: Effort) -> Iterator[BenchLine]:
         return
     times = compare((inverse, forward, *plain, *theirs), effort)
     own, peers = times[:2], times[4:]
-    for name, each, ours, function, limit, pair in (
+    for name, each, ours, function, limit, both in (
         (names[0], checks[0], own[0], times[2], REACH_SSRMS_INVERSE, peers[:2]),
         (names[1], checks[1], own[1], times[3], REACH_SSRMS_FORWARD, peers[2:]),
     ):
-        asked = ratio(pair[1], pair[0]).value
+        asked = ratio(both[1], both[0]).value
         yield BenchLine(
             'derivatives', name, 'the function itself', each, value=ratio(ours, function),
             reach=Reach(AT_MOST, limit), ours=ours, peer=function,
@@ -127,21 +108,18 @@ def _ssrms_lines(file: Path, effort: Effort) -> Iterator[BenchLine]:
 def _growth_lines(effort: Effort, quick: bool) -> Iterator[BenchLine]:
     """Yield the slopes of all-flexible chains: time by number of links."""
     sizes = FEWER_LINKS if quick else LINKS
-    inverse, forward, checks = [], [], []
-    for n in sizes:
+
+    def made(n: int) -> Made:
         robot = load_robot(flexible_chain(n, *MODES))
         states = random_states(robot, count=2)
-        driven = [(q, qd, robot.inverse_dynamics(q, qd, qdd)) for q, qd, qdd in states]
-        inverse.append(Subject(robot.inverse_dynamics_derivatives, states))
-        forward.append(Subject(robot.forward_dynamics_derivatives, driven))
-        checks.append(check_forward(robot, driven, states))
+        pushed = driven(robot, states)
+        checks = [check_forward(robot, pushed, states)]
         if n == sizes[0]:
             checks.append(check_inverse(robot, states))
-    checked = max(checks, key=lambda each: each.error / each.tolerance)
-    for name, subjects in (('inverse', inverse), ('forward', forward)):
-        what = f'{name}_dynamics_derivatives, all-flexible chains n = {sizes[0]} … {sizes[-1]}'
-        line = BenchLine('derivatives', what, 'own slope, log-log', checked, 'slope')
-        yield sloped(line, sizes, subjects, REACH_SLOPE, effort)
+        inverse = Subject(robot.inverse_dynamics_derivatives, states)
+        return (inverse, Subject(robot.forward_dynamics_derivatives, pushed)), checks
+
+    yield from slope_lines('derivatives', sizes, made, REACH_SLOPE, effort)
 
 
 def check_inverse(robot: Robot, states: Sequence[State]) -> BenchCheck:
@@ -161,10 +139,10 @@ def check_inverse(robot: Robot, states: Sequence[State]) -> BenchCheck:
     return BenchCheck('differences of inverse_dynamics', max(errors), DIFFERENCE)
 
 
-def check_forward(robot: Robot, driven: Sequence[State], states: Sequence[State]) -> BenchCheck:
+def check_forward(robot: Robot, pushed: Sequence[State], states: Sequence[State]) -> BenchCheck:
     """Compare I times the derivatives with those of inverse dynamics."""
     errors = []
-    for (q, qd, tau), (_, _, qdd) in zip(driven, states, strict=True):
+    for (q, qd, tau), (_, _, qdd) in zip(pushed, states, strict=True):
         of_torque = robot.inverse_dynamics_derivatives(q, qd, qdd)
         of_motion = robot.forward_dynamics_derivatives(q, qd, tau)
         wanted = (-of_torque[0], -of_torque[1], np.eye(robot.n))

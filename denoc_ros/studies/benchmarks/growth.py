@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,7 +18,14 @@ from denoc_ros.studies.benchmarks.results import (
     Reach,
     compared,
 )
-from denoc_ros.studies.benchmarks.rigid import TOLERANCE, State, check, random_states, results
+from denoc_ros.studies.benchmarks.rigid import (
+    TOLERANCE,
+    State,
+    check,
+    driven,
+    random_states,
+    results,
+)
 from denoc_ros.studies.benchmarks.timing import Effort, Spread, Subject, Times, compare, ratio
 
 LINKS = (8, 16, 32, 64, 128)
@@ -37,25 +44,42 @@ def slope(sizes: Sequence[int], times: Sequence[Times]) -> Spread:
     return Spread.of(np.polyfit(np.log(sizes), medians, 1)[0])
 
 
-def sloped(
-    line: BenchLine,
+Made = tuple[tuple[Subject, ...], list[BenchCheck]]  # verbs of a chain, and their checks
+
+
+def slope_lines(
+    group: str,
     sizes: Sequence[int],
-    subjects: Sequence[Subject],
+    made: Callable[[int], Made],
     reach: float,
     effort: Effort,
-) -> BenchLine:
-    """Return a line with the slope of its subjects' times by size, if their results are good."""
-    if not line.check.good:
-        return line
-    times = compare(subjects, effort)
-    each = ', '.join(f'{n}: {1e6 * t.median:.1f}' for n, t in zip(sizes, times, strict=True))
-    return replace(
-        line,
-        value=slope(sizes, times),
-        reach=Reach(AT_MOST, reach),
-        ours=times[-1],
-        note=f'us at n links: {each}',
-    )
+    more: str = '',
+) -> Iterator[BenchLine]:
+    """Yield the slope of each verb's times by the number of links, if all results are good.
+
+    Parameters
+    ----------
+    more : str
+        What is said of the chains behind their number of links.
+    """
+    chains = [made(n) for n in sizes]
+    checked = worst([check for _, checks in chains for check in checks])
+    for subjects in zip(*(verbs for verbs, _ in chains), strict=True):
+        what = f'{subjects[0].call.__name__}, all-flexible chains n = {sizes[0]} … {sizes[-1]}'
+        line = BenchLine(group, what + more, 'own slope, log-log', checked, 'slope')
+        if not checked.good:
+            yield line
+            continue
+        times = compare(subjects, effort)
+        each = ', '.join(f'{n}: {1e6 * t.median:.1f}' for n, t in zip(sizes, times, strict=True))
+        value, note = slope(sizes, times), f'us at n links: {each}'
+        limit = Reach(AT_MOST, reach)
+        yield replace(line, value=value, reach=limit, ours=times[-1], note=note)
+
+
+def worst(checks: Sequence[BenchCheck]) -> BenchCheck:
+    """Return the check that is nearest to its tolerance, or farthest beyond."""
+    return max(checks, key=lambda each: each.error / each.tolerance)
 
 
 def crossing(sizes: Sequence[int], factors: Sequence[float]) -> float:
@@ -76,20 +100,20 @@ def crossing(sizes: Sequence[int], factors: Sequence[float]) -> float:
 
 def growth_lines(effort: Effort, quick: bool) -> Iterator[BenchLine]:
     """Yield the slopes of inverse and forward dynamics of all-flexible chains."""
-    sizes = FEWER_LINKS if quick else LINKS
-    inverse, forward, errors = [], [], []
-    for n in sizes:
-        robot = load_robot(flexible_chain(n, *MODES))
-        states, driven = _states(robot)
-        inverse.append(Subject(robot.inverse_dynamics, states))
-        forward.append(Subject(robot.forward_dynamics, driven))
-        errors.append(check_forward(robot, driven))
-        errors.append(check_inverse(robot, states))
-    checked = max(errors, key=lambda each: each.error / each.tolerance)
-    for name, subjects in (('inverse_dynamics', inverse), ('forward_dynamics', forward)):
-        what = f'{name}, all-flexible chains n = {sizes[0]} … {sizes[-1]}, two modes per plane'
-        line = BenchLine('growth', what, 'own slope, log-log', checked, 'slope')
-        yield sloped(line, sizes, subjects, REACH_SLOPE, effort)
+    sizes, more = FEWER_LINKS if quick else LINKS, ', two modes per plane'
+    yield from slope_lines('growth', sizes, _chain, REACH_SLOPE, effort, more)
+
+
+def _chain(n: int) -> Made:
+    robot = load_robot(flexible_chain(n, *MODES))
+    return _verbs(robot, random_states(robot, count=STATES))
+
+
+def _verbs(robot: Robot, states: Sequence[State]) -> Made:
+    """Return inverse and forward dynamics at states."""
+    pushed = driven(robot, states)
+    verbs = Subject(robot.inverse_dynamics, states), Subject(robot.forward_dynamics, pushed)
+    return verbs, [check_inverse(robot, states), check_forward(robot, pushed)]
 
 
 def dense_lines(effort: Effort, quick: bool) -> Iterator[BenchLine]:
@@ -102,12 +126,11 @@ def dense_lines(effort: Effort, quick: bool) -> Iterator[BenchLine]:
         pairs, errors = [], []
         for n in sizes:
             robot = load_robot(text(n))
-            driven = _states(robot)[1]
-            errors.append(check_forward(robot, driven))
-            pairs.append((robot, driven))
-        checked = max(errors, key=lambda each: each.error / each.tolerance)
+            pushed = driven(robot, random_states(robot, count=STATES))
+            errors.append(check_forward(robot, pushed))
+            pairs.append((robot, pushed))
         reach = REACH_FACTOR if name.startswith('all-flexible') else None
-        yield from _factors(name, sizes, pairs, checked, reach, effort)
+        yield from _factors(name, sizes, pairs, worst(errors), reach, effort)
 
 
 def _factors(
@@ -123,9 +146,9 @@ def _factors(
         yield BenchLine('dense', what, 'dense Cholesky', checked)
         return
     factors = []
-    for robot, driven in pairs:
-        ours = Subject(robot.forward_dynamics, driven)
-        dense = Subject(Dense(robot).forward_dynamics, driven)
+    for robot, pushed in pairs:
+        ours = Subject(robot.forward_dynamics, pushed)
+        dense = Subject(Dense(robot).forward_dynamics, pushed)
         recursion, cholesky = compare((ours, dense), effort)
         factors.append(ratio(cholesky, recursion))
     each = ', '.join(f'{n}: {f.value:.2f}' for n, f in zip(sizes, factors, strict=True))
@@ -143,16 +166,10 @@ def _factors(
     )  # fmt: skip
 
 
-def _states(robot: Robot) -> tuple[list[State], list[State]]:
-    """Return states (q, qd, qdd) and the same with the forces that go with them."""
-    states = random_states(robot, count=STATES)
-    return states, [(q, qd, robot.inverse_dynamics(q, qd, qdd)) for q, qd, qdd in states]
-
-
-def check_forward(robot: Robot, driven: Sequence[State]) -> BenchCheck:
+def check_forward(robot: Robot, pushed: Sequence[State]) -> BenchCheck:
     """Compare tau with I qdd + h: the solutions of long chains are too ill-conditioned."""
     errors = []
-    for q, qd, tau in driven:
+    for q, qd, tau in pushed:
         force = robot.inertia_matrix(q) @ robot.forward_dynamics(q, qd, tau)
         bias = robot.bias_forces(q, qd)
         errors.append(float(np.abs(force + bias - tau).max() / np.abs((bias, tau)).max()))
@@ -211,7 +228,6 @@ def spring_lines(file: Path, effort: Effort) -> Iterator[BenchLine]:
     yield from dynamics_lines('springs', names, robots, REACH, effort)
 
 
-VERBS = 'inverse_dynamics', 'forward_dynamics'
 States = tuple[Robot, Sequence[State]]
 
 
@@ -225,13 +241,8 @@ def dynamics_lines(
     robots : two of (Robot, sequence of state)
         The verbs are called at the states in turn.
     """
-    subjects = []
-    for robot, states in robots:
-        driven = [(q, qd, robot.inverse_dynamics(q, qd, qdd)) for q, qd, qdd in states]
-        checks = check_inverse(robot, states), check_forward(robot, driven)
-        verbs = Subject(robot.inverse_dynamics, states), Subject(robot.forward_dynamics, driven)
-        subjects.append(list(zip(verbs, checks, strict=True)))
-    for verb, first, second in zip(VERBS, *subjects, strict=True):
-        worst = max(first[1], second[1], key=lambda each: each.error / each.tolerance)
-        line = BenchLine(group, f'{verb}, {names[0]}', names[1], worst)
-        yield compared(line, (first[0], second[0]), effort, reach)
+    (ours, first), (theirs, second) = (_verbs(*each) for each in robots)
+    for k, verb in enumerate(ours):
+        checked = worst([first[k], second[k]])
+        line = BenchLine(group, f'{verb.call.__name__}, {names[0]}', names[1], checked)
+        yield compared(line, (verb, theirs[k]), effort, reach)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import importlib
 import math
+import operator
 import pkgutil
 import time
 from collections.abc import Callable
@@ -56,6 +57,21 @@ class Operations:
         )
 
 
+def counting(part: str, function: Callable[..., float]) -> Callable[..., Counted]:
+    """Return the method of an operation that counts as one of a part of `Operations`."""
+
+    def method(self: Counted, *others: Counted | float) -> Counted:
+        setattr(self.tally, part, getattr(self.tally, part) + 1)
+        return Counted(function(self.value, *map(float, others)), self.tally)
+
+    return method
+
+
+def comparing(function: Callable[[float, float], bool]) -> Callable[..., bool]:
+    """Return the method of a comparison, which is free."""
+    return lambda self, other: function(self.value, float(other))
+
+
 class Counted:
     """A number that counts its operations; change of sign and comparison are free."""
 
@@ -74,86 +90,30 @@ class Counted:
     def __abs__(self) -> Counted:
         return Counted(abs(self.value), self.tally)
 
-    def __add__(self, other: Counted | float) -> Counted:
-        self.tally.additions += 1
-        return Counted(self.value + float(other), self.tally)
-
-    __radd__ = __add__
-
-    def __sub__(self, other: Counted | float) -> Counted:
-        self.tally.additions += 1
-        return Counted(self.value - float(other), self.tally)
-
-    def __rsub__(self, other: float) -> Counted:
-        self.tally.additions += 1
-        return Counted(other - self.value, self.tally)
-
-    def __mul__(self, other: Counted | float) -> Counted:
-        self.tally.multiplications += 1
-        return Counted(self.value * float(other), self.tally)
-
-    __rmul__ = __mul__
-
-    def __truediv__(self, other: Counted | float) -> Counted:
-        self.tally.divisions += 1
-        return Counted(self.value / float(other), self.tally)
-
-    def __rtruediv__(self, other: float) -> Counted:
-        self.tally.divisions += 1
-        return Counted(other / self.value, self.tally)
-
     def __pow__(self, power: int) -> Counted:
         self.tally.multiplications += power - 1
         return Counted(self.value**power, self.tally)
 
-    def __eq__(self, other: object) -> bool:
-        return self.value == float(other)  # type: ignore[arg-type]
-
+    __add__ = __radd__ = counting('additions', operator.add)
+    __sub__ = counting('additions', operator.sub)
+    __rsub__ = counting('additions', lambda a, b: b - a)
+    __mul__ = __rmul__ = counting('multiplications', operator.mul)
+    __truediv__ = counting('divisions', operator.truediv)
+    __rtruediv__ = counting('divisions', lambda a, b: b / a)
+    __eq__ = comparing(operator.eq)  # type: ignore[assignment]
     __hash__ = None  # type: ignore[assignment]
-
-    def __lt__(self, other: Counted | float) -> bool:
-        return self.value < float(other)
-
-    def __le__(self, other: Counted | float) -> bool:
-        return self.value <= float(other)
-
-    def __gt__(self, other: Counted | float) -> bool:
-        return self.value > float(other)
-
-    def __ge__(self, other: Counted | float) -> bool:
-        return self.value >= float(other)
-
-    # numpy's functions of one number look for methods of these names
-
-    def rint(self) -> Counted:
-        """Return the nearest whole number: an addition's work."""
-        self.tally.additions += 1
-        return Counted(float(round(self.value)), self.tally)
-
-    def floor(self) -> Counted:
-        """Return the whole number below: an addition's work."""
-        self.tally.additions += 1
-        return Counted(float(math.floor(self.value)), self.tally)
-
-    def sin(self) -> Counted:
-        """Return the sine."""
-        self.tally.trigonometric += 1
-        return Counted(math.sin(self.value), self.tally)
-
-    def cos(self) -> Counted:
-        """Return the cosine."""
-        self.tally.trigonometric += 1
-        return Counted(math.cos(self.value), self.tally)
-
-    def tanh(self) -> Counted:
-        """Return the hyperbolic tangent."""
-        self.tally.trigonometric += 1
-        return Counted(math.tanh(self.value), self.tally)
-
-    def sqrt(self) -> Counted:
-        """Return the square root."""
-        self.tally.roots += 1
-        return Counted(math.sqrt(self.value), self.tally)
+    __lt__ = comparing(operator.lt)
+    __le__ = comparing(operator.le)
+    __gt__ = comparing(operator.gt)
+    __ge__ = comparing(operator.ge)
+    # numpy's functions of one number look for methods of these names; whole numbers are an
+    # addition's work
+    rint = counting('additions', lambda a: float(round(a)))
+    floor = counting('additions', lambda a: float(math.floor(a)))
+    sin = counting('trigonometric', math.sin)
+    cos = counting('trigonometric', math.cos)
+    tanh = counting('trigonometric', math.tanh)
+    sqrt = counting('roots', math.sqrt)
 
 
 class CountingKernels:

@@ -55,6 +55,11 @@ def random_states(robot: Robot, count: int = STATES) -> list[State]:
     ]
 
 
+def driven(robot: Robot, states: Sequence[State]) -> list[State]:
+    """Return states with the forces that go with them in place of their accelerations."""
+    return [(q, qd, robot.inverse_dynamics(q, qd, qdd)) for q, qd, qdd in states]
+
+
 def results(subject: Subject) -> list[Array]:
     """Results of a subject's calls, one after another."""
     return [np.array(subject.call(*arguments)) for arguments in subject.states]
@@ -114,7 +119,7 @@ def inverse_lines(effort: Effort) -> Iterator[BenchLine]:
     for n, reach in zip(SIZES, REACH_INVERSE, strict=True):
         robot, peer, states = _chain(n)
         theirs = peer.inverse_dynamics(states)
-        yield from _pair('inverse', n, robot.inverse_dynamics, states, theirs, reach, effort)
+        yield from pair('inverse', robot.inverse_dynamics, states, theirs, reach, effort)
 
 
 def forward_lines(effort: Effort) -> Iterator[BenchLine]:
@@ -122,12 +127,10 @@ def forward_lines(effort: Effort) -> Iterator[BenchLine]:
     for n, reach in zip(SIZES, REACH_FORWARD, strict=True):
         robot, peer, states = _chain(n)
         # forces that go with moderate accelerations: arbitrary ones make a long chain whip
-        states = [(q, qd, robot.inverse_dynamics(q, qd, qdd)) for q, qd, qdd in states]
+        states = driven(robot, states)
         theirs = peer.forward_dynamics(states)
         limit = conditioned(robot, states)
-        yield from _pair(
-            'forward', n, robot.forward_dynamics, states, theirs, reach, effort, limit
-        )
+        yield from pair('forward', robot.forward_dynamics, states, theirs, reach, effort, limit)
 
 
 def inertia_lines(effort: Effort) -> Iterator[BenchLine]:
@@ -161,13 +164,12 @@ def ssrms_lines(file: Path, effort: Effort) -> Iterator[BenchLine]:
         (ours, Subject(robot.inverse_dynamics, unchecked(states)), peer.inverse_dynamics(rigid)),
         check(results(ours), expected, 'I qdd + h', TOLERANCE), REACH_SSRMS_INVERSE, effort,
     )  # fmt: skip
-    driven = [(q, qd, tau) for (q, qd, _), tau in zip(states, results(ours), strict=True)]
-    rigid = [(q, qd, chain.inverse_dynamics(q, qd, qdd)) for q, qd, qdd in rigid]
-    ours = Subject(robot.forward_dynamics, driven)
-    expected = results(Subject(Dense(robot).forward_dynamics, driven))
+    pushed, rigid = driven(robot, states), driven(chain, rigid)
+    ours = Subject(robot.forward_dynamics, pushed)
+    expected = results(Subject(Dense(robot).forward_dynamics, pushed))
     yield from beside(
         'ssrms', f'forward_dynamics, {size}', f'pin.aba, rigid n = {robot.n}',
-        (ours, Subject(robot.forward_dynamics, unchecked(driven)), peer.forward_dynamics(rigid)),
+        (ours, Subject(robot.forward_dynamics, unchecked(pushed)), peer.forward_dynamics(rigid)),
         check(results(ours), expected, 'dense Cholesky', conditioned(robot, states)),
         REACH_SSRMS_FORWARD, effort,
     )  # fmt: skip
@@ -179,20 +181,21 @@ def _chain(n: int) -> tuple[Robot, Pinocchio, list[State]]:
     return robot, Pinocchio(text), random_states(robot)
 
 
-def _pair(
+def pair(
     group: str,
-    n: int,
-    verb: Callable[..., Array],
+    verb: Callable[..., Any],
     states: Sequence[State],
     theirs: Subject,
     reach: float,
     effort: Effort,
     limit: float = TOLERANCE,
+    whole: Callable[[Array], Array] = np.asarray,
 ) -> Iterator[BenchLine]:
+    """Yield a verb of a rigid chain beside Pinocchio's, whose results `whole` completes."""
     ours, against = Subject(verb, states), f'pin.{theirs.call.__name__}'
-    checked = check(results(ours), results(theirs), against, limit)
+    checked = check(results(ours), [whole(each) for each in results(theirs)], against, limit)
     subjects = (ours, Subject(verb, unchecked(states)), theirs)
-    what = f'{verb.__name__}, rigid n = {n}'
+    what = f'{verb.__name__}, rigid n = {len(states[0][0])}'
     yield from beside(group, what, against, subjects, checked, reach, effort)
 
 
