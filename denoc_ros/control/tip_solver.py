@@ -21,6 +21,7 @@ HALVINGS = 6
 SETTLED = 1e-9  # of the robot's size: equations left, and the last change of errors
 STILL = 1e-11  # rad, m: a last change of all coordinates
 HOLD = 3e-3  # of the robot's size: Levenberg's term where steps go to and fro
+BACK = 0.25  # of the step before: a step back by more goes to and fro
 GAIN = 1e-3  # share of the errors that a further step must take off where they cannot vanish
 NONE_NEARBY = (
     'no bounded motion nearby (ask for a slower motion, or one away from singular postures)'
@@ -230,7 +231,7 @@ def settle(
     q, multipliers = guess
     motion = differences(q, step)
     value, errors = _values(problem, q, motion, multipliers, step)
-    hold, last = 0.0, np.inf
+    hold, last, way = 0.0, np.inf, np.zeros_like(q)
     for iteration in range(ITERATIONS):
         report(iteration, float(np.abs(value).max(initial=0.0)))
         try:
@@ -261,7 +262,9 @@ def settle(
         still = not halving and float(np.abs(changes[0]).max()) <= STILL
         if still or (worst <= floor and (moved <= floor or (hold > 0.0 and abs(gain) < GAIN))):
             return Solved(q, multipliers, worst, iteration + 1)
-        if iteration > 1 and (halving or moved > 0.5 * last):
+        back = float(np.sum(way * changes[0])) < -BACK * float(np.sum(way**2))
+        way = changes[0]
+        if iteration > 1 and (halving or back or moved > 0.5 * last):
             hold = min(max(2.0 * hold, HOLD * size), size)
         elif moved < 0.1 * last:
             hold *= 0.25
