@@ -19,9 +19,10 @@ import denoc_ros as dn
 from denoc_ros.control.limit_rows import LimitRows, motion_limits
 from denoc_ros.types import Array
 
-LEAST = 1e-3  # N m: a moment that a link has at all
+LEAST = 1e-9  # a strain that a link has at all
+SURFACE = 0.14  # m: the outer fibre of the arms' booms
 HURRIED = 0.8  # of its time, so that each path is beyond the limits
-SHARE = 0.8  # of the torques and moments that the motion as it was asked for needs
+SHARE = 0.8  # of the torques and strains that the motion as it was asked for needs
 STARTS = {
     'canadarm': (10.0, np.radians([10.0, 40.0, 30.0]), np.radians([60.0, 45.0, 30.0])),
     'ssrms': (20.0, np.array([0.2, 0.5, -0.9, 0.4, 0.3, 0.2]), np.full(6, 0.5)),
@@ -35,8 +36,10 @@ def flexible(name: str, paths: int, own: bool) -> None:
     every limit binds at the same pace. What is possible is less than what the same arm saves
     with stiff links and torques alone, which may jump.
     """
-    robot = dn.load_robot(ROBOTS / f'{name}.urdf', gravity=(0, 0, 0))
-    stiff = dn.load_robot(_stiff(ROBOTS / f'{name}.urdf'), gravity=(0, 0, 0))
+    robot, stiff = (
+        dn.load_robot(_description(ROBOTS / f'{name}.urdf', bends), gravity=(0, 0, 0))
+        for bends in (True, False)
+    )
     fixed = None if own else _limits(robot, *_path(name, 0, 1.0))
     saved, possible, efforts = [], [], []
     for seed in range(paths):
@@ -54,8 +57,10 @@ def flexible(name: str, paths: int, own: bool) -> None:
         efforts.append(100.0 * took / duration)
         print(
             f'{name} {seed}: {times[-1] * single.stretch:.3f} -> {duration:.3f} s, '
-            f'{saved[-1]:.1f} % less (stiff {possible[-1]:.1f} %); largest share '
-            f'{max(plan.limits.largest.values()):.4f}, tip {1e3 * plan.tip_error.max():.4f} mm, '
+            f'{saved[-1]:.1f} % less (stiff {possible[-1]:.1f} %); largest shares '
+            f'{_largest(plan, "effort"):.4f} of effort, {_largest(plan, "strain"):.4f} of strain, '
+            f'{max(plan.limits.largest.values()):.4f} of all, '
+            f'tip {1e3 * plan.tip_error.max():.4f} mm, '
             f'processor time {efforts[-1]:.0f} %',
             flush=True,
         )
@@ -78,23 +83,32 @@ def _path(name: str, seed: int, share: float) -> tuple[Array, Array]:
 
 
 def _limits(robot: dn.Robot, times: Array, joints: Array) -> dict[str, Any]:
-    """Return a share of the torques and moments that a motion needs."""
+    """Return a share of the torques and strains that a motion needs."""
     asked = dn.shape_motion(robot, times, joints)
-    rows = LimitRows(robot, robot.joint_indices, (), motion_limits(robot, {}, {'moment': 1.0}))
+    rows = LimitRows(robot, robot.joint_indices, (), motion_limits(robot, {}, {'strain': 1.0}))
     largest = rows.use(asked).largest
-    moments = {name.split()[1]: value for name, value in largest.items() if 'moment' in name}
+    strains = {name.split()[1]: value for name, value in largest.items() if 'strain' in name}
     efforts = SHARE * np.abs(asked.torque).max(axis=0)
     return {
         'effort': dict(zip(asked.joint_names, efforts, strict=True)),
-        'moment': {link: SHARE * value for link, value in moments.items() if value > LEAST},
+        'strain': {link: SHARE * value for link, value in strains.items() if value > LEAST},
     }
 
 
-def _stiff(file: Path) -> str:
-    """Return the URDF without flexibility."""
+def _largest(plan: dn.Plan, what: str) -> float:
+    """Return the largest share of all limits of a kind."""
+    assert plan.limits is not None
+    return max(v for name, v in plan.limits.largest.items() if name.startswith(f'{what} '))
+
+
+def _description(file: Path, bends: bool) -> str:
+    """Return the URDF with the surface of its beams, or without flexibility."""
     root = ElementTree.parse(file).getroot()
     for each in root.findall('flexibility'):
-        root.remove(each)
+        for beam in each.findall('beam'):
+            beam.set('surface', str(SURFACE))
+        if not bends:
+            root.remove(each)
     return ElementTree.tostring(root, encoding='unicode')
 
 
