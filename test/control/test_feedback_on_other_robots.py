@@ -162,11 +162,25 @@ def test_errors_of_stiffness_and_load_at_once_are_found_on_the_way() -> None:
     planned = tip_exact(10.0, 1.0, described())
     feedback = StateFeedback(planned.robot, planned.schedule())
     run = Loop(planned, canadarm(1.2, 0.8, described(segments=8)), feedback).run(4.0)
-    # 17 mm; 37 mm, and errors that go to and fro, where deviations are taken for the model's
-    assert run.error.max() < 0.025
+    # 10 mm; 20 mm where noise of the first values is learned; 37 mm where deviations are taken for
+    # the model's
+    assert run.error.max() < 0.015
     errors = feedback.filter.errors
     assert errors is not None
     np.testing.assert_allclose(errors.values, [1 / 1.2 - 1, 1 / 1.2 - 1, -0.2], atol=0.015)
+
+
+def test_softer_beams_with_less_load_do_not_ring_by_what_is_learned() -> None:
+    planned = tip_exact(10.0, 1.0, described())
+    feedback = StateFeedback(planned.robot, planned.schedule())
+    run = Loop(planned, canadarm(0.8, 0.8, described()), feedback).run(4.0)
+    errors = feedback.filter.errors
+    assert errors is not None
+    # 9 mm; 34 mm and healthy gauges that were blamed, where errors came in faster
+    assert run.error.max() < 0.015
+    assert not errors.faulty.any()
+    assert feedback.share == 1.0
+    np.testing.assert_allclose(errors.values, [0.25, 0.25, -0.2], atol=0.02)
 
 
 @cache
@@ -202,7 +216,7 @@ def test_faulty_gauge_is_found_and_left_out(wrong: Callable[[float], float]) -> 
     assert not run.share[-500:].any()
     # as much as the torque may change with feedback of right sensors
     assert np.abs(np.diff(run.torque, axis=0)).max() < 0.05 * planned.limits[0]
-    assert run.error.max() < 0.025
+    assert run.error.max() < 0.01
 
 
 def test_gauge_that_turns_over_where_strain_changes_sign_does_not_lose_the_arm() -> None:
@@ -213,4 +227,4 @@ def test_gauge_that_turns_over_where_strain_changes_sign_does_not_lose_the_arm()
     run = loop.run(5.0)
     assert not run.share[-500:].any()
     assert np.abs(np.diff(run.torque, axis=0)).max() < 0.05 * planned.limits[0]
-    assert run.error.max() < 0.02
+    assert run.error.max() < 0.01
