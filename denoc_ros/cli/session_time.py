@@ -28,7 +28,8 @@ STANDS = 120.0  # s of wall time in which simulated time must go on, on the slow
 SAME = 1e-6  # s
 RATES = (1000.0, 500.0, 250.0)  # Hz at which loops may run in real time
 SPARE = 2.0  # how many times over the machine must hold them
-LATEST = 0.05  # share of deadlines that may be missed
+SPARE_ALONE = 3.0  # the same on one core, where loops wait for each other and for whoever comes
+LATEST = 0.02  # share of deadlines that may be missed
 FEEDFORWARD = 'feedforward'
 PATIENCE = 60.0  # s for the gains of a phase
 
@@ -162,13 +163,18 @@ class Rehearsal:
         """Return the cores that the nodes take where no loop is faster than a rate [Hz]."""
         return self.used * sum(self.at(rate).values()) / sum(self.rates.values())
 
+    @property
+    def spare(self) -> float:
+        """How many times over the machine must hold the nodes."""
+        return SPARE if self.cores > 1 else SPARE_ALONE
+
     def holds(self, rate: float) -> bool:
         """Say whether the machine holds a rate [Hz] with as much to spare as it must have."""
         share, top = self.share(rate), max(self.rates.values())
         late = self.late * min(1.0, rate / top)
         lost = self.lost and rate >= top
         # what a slower session leaves may be taken by others: it does not count as idle
-        return self.idle >= (SPARE - 1.0) * share and late <= LATEST and not lost
+        return self.idle >= (self.spare - 1.0) * share and late <= LATEST and not lost
 
 
 @dataclass(frozen=True)
@@ -199,11 +205,10 @@ def choose(rehearsal: Rehearsal, refusal: Callable[[float], str] = lambda _rate:
         return Choice(REAL, rehearsal.at(rate), f'real time at {rate:g} Hz: {cost}')
     lowest = min(RATES) if free else top
     share = rehearsal.share(lowest)
-    needs = SPARE * share / max(rehearsal.idle + share, 1e-3)
+    needs = rehearsal.spare * share / max(rehearsal.idle + share, 1e-3)
     if needs > 1.0:
-        why = (
-            f'with a factor of {SPARE:g} to spare this machine needs {needs:.1f} s for each second'
-        )
+        spare = f'with a factor of {rehearsal.spare:g} to spare'
+        why = f'{spare} this machine needs {needs:.1f} s for each second'
     else:
         why = f'loops miss {100.0 * rehearsal.late:.0f} % of their deadlines on this machine'
     return Choice(

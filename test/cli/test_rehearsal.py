@@ -69,3 +69,12 @@ def test_late_loops_and_lost_messages_count_beside_processors() -> None:
     late = choose(dataclasses.replace(QUIET, late=0.5))
     assert late.mode == 'simulated'
     assert 'miss 50 % of their deadlines' in late.why
+
+
+def test_one_core_must_hold_the_loops_thrice() -> None:
+    alone = dataclasses.replace(QUIET, cores=1, used=0.46, idle=0.51)
+    assert choose(dataclasses.replace(alone, cores=2)).rates == QUIET.rates
+    assert max(choose(alone).rates.values()) < 1000.0
+    fixed = choose(dataclasses.replace(alone, fixed=frozenset(QUIET.rates)))
+    assert fixed.mode == 'simulated'
+    assert 'with a factor of 3 to spare this machine needs 1.4 s' in fixed.why
