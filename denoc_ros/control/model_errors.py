@@ -400,7 +400,9 @@ class ErrorEstimate:
         self._information += shown[heard].T @ whitened
         self._explained += (counted + by_errors @ self.used)[heard] @ whitened
         heard &= good[at]
-        if time is not None and self._quiet <= time <= self._end and heard.any():
+        if not heard.any():
+            return
+        if time is not None and self._quiet <= time <= self._end:
             gate = CHECKED_GATE if len(self.faulty) else GATE
             if (np.abs(counted) > gate * gains.spread[at])[heard].any():
                 self._quiet = time + QUIET

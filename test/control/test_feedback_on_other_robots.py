@@ -219,6 +219,26 @@ def test_faulty_gauge_is_found_and_left_out(wrong: Callable[[float], float]) -> 
     assert run.error.max() < 0.01
 
 
+def test_refused_value_that_comes_alone_moves_nothing() -> None:
+    planned, schedule = quick()
+    feedback = StateFeedback(planned.robot, schedule)
+    for k in range(600):
+        now, q, qd, qdd = k * PERIOD, planned.q[k], planned.qd[k], planned.qdd[k]
+        feedback.follow(now, q, qd, qdd)
+        joints = planned.robot.joint_indices
+        feedback.filter.take_joints(now, q[joints], qd[joints])
+        wild = 500 <= k < 510
+        for place, value in enumerate(planned.robot.sensor_values(q, qd, qdd)):
+            if wild and place == 0:
+                feedback.filter.take_sensor(place, now - 2 * PERIOD, value + 1.0)
+            else:
+                feedback.filter.take_sensor(place, now, value)
+        torque = feedback.torque(now)
+        feedback.applied(torque)
+        assert np.abs(torque).max() < 1.0  # N m of noise-free deviations
+    assert feedback.filter.refused[0] == 10
+
+
 def test_gauge_that_turns_over_where_strain_changes_sign_does_not_lose_the_arm() -> None:
     planned, schedule = quick()
     loop = Loop(planned, canadarm(source=described()), StateFeedback(planned.robot, schedule))
