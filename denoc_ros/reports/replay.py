@@ -101,12 +101,17 @@ def _worst_deflections(summary: Summary) -> list[tuple[float, str, str]]:
     found = []
     for topic, agreements in summary['deflection'].items():
         percents = [
-            (100.0 * one['rms'] / one['measured_peak'], name, topic)
+            (_share_of_peak(one), name, topic)
             for name, one in agreements.items()
             if one['measured_peak'] and name.rpartition('/')[2] in ('uy', 'uz')
         ]
         found += [max(percents)] if percents else []
     return found
+
+
+def _share_of_peak(agreement: Mapping[str, float]) -> float:
+    """Return the error of a deflection as a percentage of its peak."""
+    return 100.0 * agreement['rms'] / agreement['measured_peak']
 
 
 def _cards(summary: Summary) -> list[Card]:
@@ -225,12 +230,13 @@ def _deflection(replay: Replay, summary: Summary) -> PageSection | None:
             topic,
             name,
             *(engineering(one[key], deflection_unit(name)) for key in ('measured_peak', 'rms')),
+            f'{_share_of_peak(one):.2g} %' if one['measured_peak'] else UNKNOWN,
         ]
         for topic, agreements in summary['deflection'].items()
         for name, one in agreements.items()
         if name in shown
     ]
-    head = ('topic', 'deflection', 'peak', 'replay off by, rms')
+    head = ('topic', 'deflection', 'peak', 'replay off by, rms', 'of the peak')
     return PageSection(
         'Deflection of the flexible links',
         'Tip deflection in the beam frame along the recorded joint motion, beside that of the '
