@@ -98,7 +98,8 @@ def _limits(robot: dn.Robot, times: Array, joints: Array) -> dict[str, Any]:
 def _largest(plan: dn.Plan, what: str) -> float:
     """Return the largest share of all limits of a kind."""
     assert plan.limits is not None
-    return max(v for name, v in plan.limits.largest.items() if name.startswith(f'{what} '))
+    largest: dict[str, float] = dict(plan.limits.largest)
+    return max(v for name, v in largest.items() if name.startswith(f'{what} '))
 
 
 def _description(file: Path, bends: bool) -> str:
