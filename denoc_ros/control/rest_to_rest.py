@@ -361,23 +361,29 @@ def quickest(
             continue
         leap = radius / RADIUS
         x = problem.lasting(x, float(np.clip(longer, LEAP**-leap, LEAP**leap)) * last)
-    for _ in range(GUESSES):  # the last motion, slower
-        if here is None or excess(here) <= NEAR:
-            break
-        slower = (1.0 + 1.1 * excess(here)) ** (1.0 / power) * here.duration
-        with suppress(SolverError):
-            here = problem.solve(problem.lasting(here.coefficients, slower), None)
-            continue
-        break
-    if (
-        here is not None
-        and excess(here) <= NEAR
-        and (best is None or here.duration < best.solution.duration)
-    ):
-        best = Found(here, here.coefficients, gains / power, durations, False)
+    if here is not None:
+        here = _slowed(problem, here, power)
+        if excess(here) <= NEAR and (best is None or here.duration < best.solution.duration):
+            best = Found(here, here.coefficients, gains / power, durations, False)
     if best is None:
         raise problem.failure(last, 'the limits are passed')
     return best
+
+
+def _slowed(problem: RestProblem, there: TimedRest, power: float) -> TimedRest:
+    """Return a motion made slower until it keeps the limits, as far as that succeeds.
+
+    What it needs of the limits falls with that power of its duration.
+    """
+    for _ in range(GUESSES):
+        if excess(there) <= NEAR:
+            break
+        seconds = (1.0 + 1.1 * excess(there)) ** (1.0 / power) * there.duration
+        try:
+            there = problem.solve(problem.lasting(there.coefficients, seconds), None)
+        except SolverError:
+            break
+    return there
 
 
 def tightened(
