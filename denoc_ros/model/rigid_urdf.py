@@ -1,12 +1,10 @@
-"""The plain part of a URDF: links' inertia and joints, validated, then read by yourdfpy."""
+"""The plain part of a URDF: links' inertia and joints, read and validated."""
 
 from __future__ import annotations
 
-import io
-from collections.abc import Sequence
-from copy import deepcopy
+import math
+from collections.abc import Container
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from lxml import etree
@@ -23,11 +21,9 @@ KINDS = {
     'prismatic': JointKind.PRISMATIC,
     'floating': JointKind.FLOATING,
 }
-ENDS = ('parent', 'child', 'origin')
 # of the largest principal moment, and of moments that are zero [kg m^2]: what rounding leaves
 ROUNDED, ROUNDED_ZERO = 1e-3, 1e-12
 WITHOUT_AXIS = ('fixed', 'floating')
-CHECKED = (*ENDS, 'axis', 'limit', 'dynamics', 'mimic')  # of a joint; the rest is not read
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,19 +65,26 @@ def read_rigid_urdf(root: Element, findings: Findings, warnings: list[str]) -> R
     Reader(root, 'robot', findings).text('name')
     _check_expanded(root, findings)
     links = _check_names(root, 'link', findings)
-    joints = _check_names(root, 'joint', findings)
+    _check_names(root, 'joint', findings)
     if not links:
         findings.add('robot', 'links must be at least one, got none')
-    sound = [
-        element for element in root.findall('link') if _check_link(element, findings, warnings)
-    ]
-    for element in root.findall('joint'):
-        _check_joint(element, links, findings)
-    _check_mimics(root, joints, findings)
+    inertias = _read_links(root, findings, warnings)
+    movable = {
+        joint.get('name', ''): joint
+        for joint in root.findall('joint')
+        if joint.get('type') not in WITHOUT_AXIS
+    }
+    read = [_read_joint(joint, links, movable, findings) for joint in root.findall('joint')]
+    mimics = {name: joint.find('mimic') for name, joint in movable.items()}
+    leaders = {name: mimic.get('joint', '') for name, mimic in mimics.items() if mimic is not None}
+    for circle in _circles(leaders):
+        rule = 'mimic joints must not follow themselves, got a circle of'
+        findings.add(f'joint {circle[0]!r}', f'{rule} {", ".join(map(repr, circle))}')
     _check_structure(root, links, findings)
     _check_floating(root, findings)
     clean = len(findings.items) == before
-    return _load(root.get('name', ''), sound, root.findall('joint') if clean else [])
+    sound = tuple(joint for joint in read if joint) if clean else ()
+    return RigidUrdf(root.get('name', ''), inertias, sound)
 
 
 def _check_expanded(root: Element, findings: Findings) -> None:
@@ -104,40 +107,52 @@ def _check_names(root: Element, tag: str, findings: Findings) -> set[str]:
     return names
 
 
-def _check_link(element: Element, findings: Findings, warnings: list[str]) -> bool:
-    """Return whether a link has a name and sound numbers."""
-    before = len(findings.items)
-    whose = f'link {element.get("name", "")!r}'
-    inertials = element.findall('inertial')
-    if len(inertials) > 1:
-        findings.add(whose, f'<inertial> must occur once, got {len(inertials)}')
-    for inertial in inertials:
-        _check_inertial(inertial, whose, findings, warnings)
-    return len(findings.items) == before and bool(element.get('name'))
+def _read_links(
+    root: Element, findings: Findings, warnings: list[str]
+) -> dict[str, RigidInertia | None]:
+    """Return the inertias of links that have a name and sound numbers."""
+    sound = {}
+    for element in root.findall('link'):
+        before = len(findings.items)
+        whose = f'link {element.get("name", "")!r}'
+        inertials = element.findall('inertial')
+        if len(inertials) > 1:
+            findings.add(whose, f'<inertial> must occur once, got {len(inertials)}')
+        read = [_read_inertial(inertial, whose, findings, warnings) for inertial in inertials]
+        if len(findings.items) == before and element.get('name'):
+            sound[element.get('name')] = read[0] if read else None
+    return sound
 
 
-def _check_inertial(
+def _read_inertial(
     inertial: Element, whose: str, findings: Findings, warnings: list[str]
-) -> None:
+) -> RigidInertia:
+    """Return an inertia about the link frame's origin."""
     for tag in ('mass', 'inertia'):
         if inertial.find(tag) is None:
             findings.add(whose, f'<inertial> must have <{tag}>, got none')
+    mass, matrix = math.nan, np.full((3, 3), math.nan)
     if inertial.find('mass') is not None:
-        mass = Reader(inertial.find('mass'), whose, findings, ' of <mass>')
-        mass.number('value', 'kg', least=0.0)
-    if inertial.find('origin') is not None:
-        Reader(inertial.find('origin'), whose, findings, ' of <inertial>').pose()
+        reader = Reader(inertial.find('mass'), whose, findings, ' of <mass>')
+        mass = reader.number('value', 'kg', least=0.0)
+    pose = _read_origin(inertial, whose, findings, ' of <inertial>')
     if inertial.find('inertia') is not None:
-        inertia = Reader(inertial.find('inertia'), whose, findings, ' of <inertia>')
-        moments = [inertia.number(name, 'kg m^2') for name in ('ixx', 'iyy', 'izz')]
-        products = [inertia.number(name, 'kg m^2', default=0.0) for name in ('ixy', 'ixz', 'iyz')]
-        warnings += [f'{whose}: {warning}' for warning in _doubts(moments, products)]
+        reader = Reader(inertial.find('inertia'), whose, findings, ' of <inertia>')
+        moments = [reader.number(name, 'kg m^2') for name in ('ixx', 'iyy', 'izz')]
+        products = [reader.number(name, 'kg m^2', default=0.0) for name in ('ixy', 'ixz', 'iyz')]
+        matrix = np.diag(moments)
+        matrix[[0, 0, 1], [1, 2, 2]] = matrix[[1, 2, 2], [0, 0, 1]] = products
+        warnings += [f'{whose}: {warning}' for warning in _doubts(matrix)]
+    return moved(from_centre(mass, np.zeros(3), matrix), pose)
 
 
-def _doubts(moments: Sequence[float], products: Sequence[float]) -> list[str]:
+def _read_origin(element: Element, whose: str, findings: Findings, label: str) -> Array:
+    origin = element.find('origin')
+    return np.eye(4) if origin is None else Reader(origin, whose, findings, label).pose()
+
+
+def _doubts(matrix: Array) -> list[str]:
     """Return a warning for an inertia that no body has."""
-    matrix = np.diag(moments)
-    matrix[[0, 0, 1], [1, 2, 2]] = matrix[[1, 2, 2], [0, 0, 1]] = products
     if not np.isfinite(matrix).all():
         return []  # a finding already
     principal = np.linalg.eigvalsh(matrix)
@@ -147,69 +162,88 @@ def _doubts(moments: Sequence[float], products: Sequence[float]) -> list[str]:
     return [f'principal moments of <inertia> should be >= 0 kg m^2, got {shown}']
 
 
-def _check_joint(element: Element, links: set[str], findings: Findings) -> None:
-    whose = f'joint {element.get("name", "")!r}'
+def _read_joint(
+    element: Element, links: set[str], movable: Container[str], findings: Findings
+) -> RigidUrdfJoint | None:
+    """Return a joint, None when it has findings."""
+    before = len(findings.items)
+    name, kind = element.get('name', ''), element.get('type')
+    whose = f'joint {name!r}'
     reader = Reader(element, whose, findings)
-    if element.get('type') == 'planar':
+    if kind == 'planar':
         rule = f'be one of {", ".join(KINDS)} (planar joints are not supported yet)'
-        reader.fail('type', rule, element.get('type'))
+        reader.fail('type', rule, kind)
     else:
         reader.choice('type', list(KINDS))
+    ends = {}
     for end in ('parent', 'child'):
         found = element.find(end)
-        link = None if found is None else found.get('link')
-        if link is None or link not in links:
-            findings.add(whose, f'{end} must be a link of the robot, got {link!r}')
-    if element.find('origin') is not None:
-        Reader(element.find('origin'), whose, findings, ' of <origin>').pose()
-    if element.find('axis') is not None and element.get('type') not in WITHOUT_AXIS:
-        Reader(element.find('axis'), whose, findings, ' of <axis>').axis('xyz', '1 0 0')
-    _check_limits(element, whose, findings)
-    _check_dynamics(element, whose, findings)
+        ends[end] = None if found is None else found.get('link')
+        if ends[end] is None or ends[end] not in links:
+            findings.add(whose, f'{end} must be a link of the robot, got {ends[end]!r}')
+    origin = _read_origin(element, whose, findings, ' of <origin>')
+    axis = np.array([1.0, 0.0, 0.0])
+    if element.find('axis') is not None and kind not in WITHOUT_AXIS:
+        axis = Reader(element.find('axis'), whose, findings, ' of <axis>').axis('xyz', '1 0 0')
+    limits = _read_limits(element, whose, findings)
+    damping, friction = _read_dynamics(element, whose, findings)
+    mimic = _read_mimic(element, movable, whose, findings)
+    if len(findings.items) > before:
+        return None
+    return RigidUrdfJoint(
+        name,
+        KINDS[kind],
+        axis,
+        limits,
+        damping,
+        friction,
+        mimic=mimic,
+        continuous=kind == 'continuous',
+        origin=origin,
+        **ends,
+    )
 
 
-def _check_limits(element: Element, whose: str, findings: Findings) -> None:
-    limit = element.find('limit')
-    if limit is None or element.get('type') == 'fixed':
-        return
+def _read_limits(element: Element, whose: str, findings: Findings) -> Limits:
+    limit, kind = element.find('limit'), element.get('type')
+    if limit is None or kind == 'fixed':
+        return Limits()
     reader = Reader(limit, whose, findings, ' of <limit>')
-    reader.number('effort', least=0.0, default=0.0)
-    reader.number('velocity', least=0.0, default=0.0)
-    lower, upper = (reader.number(name, default=0.0) for name in ('lower', 'upper'))
-    if limit.get('lower') and limit.get('upper') and lower > upper:
+    least = {'effort': 0.0, 'velocity': 0.0, 'lower': None, 'upper': None}
+    given = {
+        name: reader.number(name, least=bound)
+        for name, bound in least.items()
+        if limit.get(name) is not None
+    }
+    lower, upper = given.get('lower', -math.inf), given.get('upper', math.inf)
+    if lower > upper:
         reader.fail('lower', f'be at most upper ({upper:g})', lower)
+    unused = ('lower', 'upper') if kind == 'continuous' else given if kind == 'floating' else ()
+    return Limits(**{name: value for name, value in given.items() if name not in unused})
 
 
-def _check_dynamics(element: Element, whose: str, findings: Findings) -> None:
+def _read_dynamics(element: Element, whose: str, findings: Findings) -> tuple[float, float]:
+    """Return damping and friction."""
     dynamics = element.find('dynamics')
     if dynamics is None or element.get('type') == 'fixed':
-        return
+        return 0.0, 0.0
     reader = Reader(dynamics, whose, findings, ' of <dynamics>')
-    reader.number('damping', least=0.0, default=0.0)
-    reader.number('friction', least=0.0, default=0.0)
+    damping = reader.number('damping', least=0.0, default=0.0)
+    return damping, reader.number('friction', least=0.0, default=0.0)
 
 
-def _check_mimics(root: Element, joints: set[str], findings: Findings) -> None:
-    leaders: dict[str, str] = {}
-    movable = {
-        joint.get('name')
-        for joint in root.findall('joint')
-        if joint.get('type') not in WITHOUT_AXIS
-    }
-    for element in root.findall('joint'):
-        mimic, name = element.find('mimic'), element.get('name', '')
-        if mimic is None or name not in movable:
-            continue
-        reader = Reader(mimic, f'joint {name!r}', findings, ' of <mimic>')
-        leader = reader.text('joint')
-        if leader and leader not in joints & movable:
-            reader.fail('joint', 'be a movable joint of the robot', leader)
-        reader.number('multiplier', default=1.0)
-        reader.number('offset', default=0.0)
-        leaders[name] = leader
-    for circle in _circles(leaders):
-        rule = 'mimic joints must not follow themselves, got a circle of'
-        findings.add(f'joint {circle[0]!r}', f'{rule} {", ".join(map(repr, circle))}')
+def _read_mimic(
+    element: Element, movable: Container[str], whose: str, findings: Findings
+) -> Mimic | None:
+    mimic = element.find('mimic')
+    if mimic is None or element.get('type') in WITHOUT_AXIS:
+        return None
+    reader = Reader(mimic, whose, findings, ' of <mimic>')
+    leader = reader.text('joint')
+    if leader and leader not in movable:
+        reader.fail('joint', 'be a movable joint of the robot', leader)
+    multiplier = reader.number('multiplier', default=1.0)
+    return Mimic(leader, multiplier, reader.number('offset', default=0.0))
 
 
 def _circles(follows: dict[str, str]) -> list[list[str]]:
@@ -274,71 +308,3 @@ def _check_floating(root: Element, findings: Findings) -> None:
     if len(afloat) > 1:
         named = ', '.join(repr(joint.get('name', '')) for joint in afloat)
         findings.add('robot', f'floating joints must be at most one, got {named}')
-
-
-def _load(name: str, links: list[Element], joints: list[Element]) -> RigidUrdf:
-    """Read validated elements by yourdfpy."""
-    # Imported here: it takes most of a second, and malformed files never get this far.
-    from yourdfpy import URDF
-
-    copy = etree.Element('robot', name=name)
-    for link in links:
-        bare = etree.SubElement(copy, 'link', name=link.get('name'))
-        bare.extend(deepcopy(link.findall('inertial')))
-    for joint in joints:
-        bare = etree.SubElement(copy, 'joint', name=joint.get('name'), type=joint.get('type'))
-        for tag in ENDS if joint.get('type') in WITHOUT_AXIS else CHECKED:
-            bare.extend(deepcopy(joint.findall(tag)[:1]))
-    # as ASCII, a name of other letters would come out malformed, and yourdfpy would mend it
-    text = io.BytesIO(etree.tostring(copy, encoding='utf-8'))
-    robot = URDF.load(text, build_scene_graph=False, load_meshes=False).robot
-    inertias = {link.name: _inertia(link.inertial) for link in robot.links}
-    return RigidUrdf(name, inertias, tuple(_joint(joint) for joint in robot.joints))
-
-
-def _inertia(inertial: Any) -> RigidInertia | None:
-    """Return a link's inertia about the link frame's origin, None without `<inertial>`."""
-    if inertial is None:
-        return None
-    pose = np.eye(4) if inertial.origin is None else inertial.origin
-    return moved(from_centre(inertial.mass, np.zeros(3), inertial.inertia), pose)
-
-
-def _joint(joint: Any) -> RigidUrdfJoint:
-    kind = KINDS[joint.type]
-    axis = np.array([1.0, 0.0, 0.0]) if joint.type in WITHOUT_AXIS else joint.axis
-    dynamics = joint.dynamics
-    damping, friction = (
-        float(getattr(dynamics, name, None) or 0.0) for name in ('damping', 'friction')
-    )
-    return RigidUrdfJoint(
-        joint.name,
-        kind,
-        axis / np.linalg.norm(axis),
-        _limits(joint),
-        damping,
-        friction,
-        mimic=_mimic(joint),
-        continuous=joint.type == 'continuous',
-        parent=joint.parent,
-        child=joint.child,
-        origin=np.eye(4) if joint.origin is None else joint.origin,
-    )
-
-
-def _limits(joint: Any) -> Limits:
-    given = {
-        name: value
-        for name in ('lower', 'upper', 'velocity', 'effort')
-        if (value := getattr(joint.limit, name, None)) is not None
-    }
-    if joint.type == 'continuous':
-        given.pop('lower', None)
-        given.pop('upper', None)
-    return Limits(**given)
-
-
-def _mimic(joint: Any) -> Mimic | None:
-    if joint.mimic is None:
-        return None
-    return Mimic(joint.mimic.joint, joint.mimic.multiplier, joint.mimic.offset)
