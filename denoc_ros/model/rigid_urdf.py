@@ -178,9 +178,10 @@ def _read_joint(
     ends = {}
     for end in ('parent', 'child'):
         found = element.find(end)
-        ends[end] = None if found is None else found.get('link')
-        if ends[end] is None or ends[end] not in links:
-            findings.add(whose, f'{end} must be a link of the robot, got {ends[end]!r}')
+        link = None if found is None else found.get('link')
+        if link is None or link not in links:
+            findings.add(whose, f'{end} must be a link of the robot, got {link!r}')
+        ends[end] = str(link)
     origin = _read_origin(element, whose, findings, ' of <origin>')
     axis = np.array([1.0, 0.0, 0.0])
     if element.find('axis') is not None and kind not in WITHOUT_AXIS:
@@ -199,8 +200,9 @@ def _read_joint(
         friction,
         mimic=mimic,
         continuous=kind == 'continuous',
+        parent=ends['parent'],
+        child=ends['child'],
         origin=origin,
-        **ends,
     )
 
 

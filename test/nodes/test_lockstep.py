@@ -19,10 +19,10 @@ from denoc_ros.nodes.recorder import Recorder
 from denoc_ros.trajectories import SplineTrajectory
 
 pytestmark = pytest.mark.ros
-RATES = {'plant': 100.0, 'feedforward': 100.0, 'predictor': 50.0}
+RATES = {'plant': 200.0, 'feedforward': 200.0, 'predictor': 100.0}
 JOINTS = ('j1', 'j2')
 END = 1.5  # s
-STEPS = 150  # of the plant up to there
+STEPS = 300  # of the plant up to there
 MOTION = SplineTrajectory(
     np.array([0.0, 0.8]), np.array([[0.0, 0.0], [0.4, -0.3]]), np.zeros((2, 2)), np.zeros((2, 2))
 )
