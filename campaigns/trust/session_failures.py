@@ -86,10 +86,21 @@ def starving(pid: int) -> Iterator[None]:
         busy.wait()
 
 
-def spoil(folder: Path, name: str, environment: dict[str, str], case: tuple[str, str, int]) -> str:
-    """Run a session and do harm to a node in a phase; return what is wrong with its end."""
+def spoil(
+    folder: Path,
+    name: str,
+    environment: dict[str, str],
+    case: tuple[str, str, int],
+    without: str = '',
+) -> str:
+    """Run a session and do harm to a node in a phase; return what is wrong with its end.
+
+    A node that the session is `without` takes no part in it.
+    """
     node, harm, k = case
     text = SESSION.replace('DURATION', str(LASTING if harm == 'starved' else 2.0))
+    if without:
+        text = text.replace(f'{without}: {{update_rate: 200}}', f'{without}: false')
     (folder / f'{name}.yaml').write_text(text)
     with session(folder, name, environment) as process, ExitStack() as harms:
         assert process.stderr is not None

@@ -19,7 +19,7 @@ from denoc_ros.nodes.plant import PlantNode
 from denoc_ros.trajectories import SplineTrajectory
 
 pytestmark = pytest.mark.ros
-RATES = {'plant': 200.0, 'feedforward': 200.0, 'predictor': 100.0}
+RATES = {'plant': 100.0, 'feedforward': 100.0}
 SENSORS = """<sensor name="root" type="strain_gauge" link="one" station="0.05" direction="y"
 surface="0.02" gain="2" offset="0.1" noise="0" topic="/root"/>
 <sensor name="tip" type="imu" link="two" station="0.4" topic="/imu"/>"""
@@ -118,7 +118,7 @@ def test_two_runs_in_lockstep_give_the_same_bag(urdf: str, tmp_path: Path) -> No
         with LockstepStage(tmp_path / name, urdf, RATES, given) as stage:
             stage.go_to(0.5)
             stage.follow(('j1', 'j2'), motion, 0.6)
-            stage.go_to(1.5)
+            stage.go_to(1.3)
             runs.append(stage.finish())
     assert differences(*runs) == {}
-    assert len(runs[0]['/joint_states']) == 300
+    assert len(runs[0]['/joint_states']) == 130

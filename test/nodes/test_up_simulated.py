@@ -28,10 +28,10 @@ time: simulated
 reference: {kind: points, times: [0, 0.6], positions: [[0, 0], [0.2, 0.1]]}
 duration: 1
 nodes:
-  plant: {update_rate: 200}
-  predictor: {update_rate: 200}
-  feedforward: {update_rate: 200}
-  shaper: {method: zvd, update_rate: 200}
+  plant: {update_rate: 100}
+  predictor: {update_rate: 100}
+  feedforward: {update_rate: 100}
+  shaper: {method: zvd, update_rate: 100}
 plant: {noise: {position: 1.0e-5}}
 phases: [{name: first}, {name: second, feedforward: {model: rigid}, plant: {start: [0.05, 0]}}]
 """
