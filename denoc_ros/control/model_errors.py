@@ -36,11 +36,12 @@ GATE = 4.0  # of the innovations' spread: beyond it something else was at work
 # where sensors are checked, an offset is found otherwise, and ten channels pass 4 too often
 CHECKED_GATE = 5.0
 QUIET = 0.3  # s after a pause of the loop in which its trace is not taken for an error's
-ENTERS = 0.05  # s, each of two lags by which errors come in
+ENTERS = 0.025  # s, each of two lags by which errors come in
 HISTORY = 256  # periods over which values may be late
 KEPT, APART = 3, 0.1  # estimates of the past that are kept, and the time between them [s]
 RECENT = 0.15  # s of innovations in which a sensor that contradicts the others shows
 EVERY = 0.004  # s between such tests
+DECIDES = 0.03  # s from when sensors contradict each other until one is found to be faulty
 # chi-squared of an offset of one sensor's values: beyond it the sensor is faulty, within it the
 # sensor agrees
 FAULTY, AGREES = 40.0, 9.0
@@ -107,6 +108,23 @@ def terms_rate(errors: Array) -> Array:
     unit = np.eye(len(errors))
     pairs = errors[second, None] * unit[first] + errors[first, None] * unit[second]
     return np.concatenate([unit, pairs])
+
+
+def _beside(errors: Array) -> Array:
+    """Return all terms of errors as polynomials (terms, 1 + terms) in errors beside these."""
+    found = terms(errors)
+    return np.column_stack([found, terms_rate(errors), np.eye(len(found))[:, len(errors) :]])
+
+
+def _by_products(changed: Array) -> Array:
+    """Return the terms (s, terms) of what each error changes (errors, s, 1 + errors).
+
+    It changes the response to what there is without errors, and to what each error adds.
+    """
+    first, second = _pairs(len(changed))
+    products = changed[first, :, 1 + second] + changed[second, :, 1 + first]
+    products[first == second] *= 0.5
+    return np.concatenate([changed[..., 0], products]).T
 
 
 def knows_errors(robot: Robot) -> bool:
@@ -217,7 +235,9 @@ class ErrorEstimate:
     would ring, and what rings would be learned for an error.
 
     A second estimate of the deviations, which nothing feeds back, shows the errors by its
-    innovations: it allows for less that nobody knows than the filter of a loop must.
+    innovations: it allows for less that nobody knows than the filter of a loop must. It is a
+    polynomial of second degree in the errors beside those used: of what came before the errors
+    were used, a linear one would show soft beams for a light load.
 
     A sensor that is dead, stuck, turned over or out of scale has values that are off by about a
     constant for a while. That shifts the second estimate and its innovations, too, but otherwise
@@ -275,12 +295,13 @@ class ErrorEstimate:
         self._end = (len(self._errors.states) - 1) * self._errors.step
         self._states = np.zeros(self._errors.states.shape[1:])
         self._torques = np.zeros(self._errors.torques.shape[1:])
-        # deviations from the plan of the robot with the errors used, and torques beyond it
-        self._away = np.zeros(gains.by_errors.shape[2])
+        # of robots with errors, as linear functions of them: deviations from their own plan, and
+        # torques beyond its own
+        self._away = np.zeros((gains.by_errors.shape[2], 1 + count))
         self._past: deque[tuple[Array, Array]] = deque(maxlen=KEPT)
         self._since = 0.0
-        # estimates without each sensor, then with all, and how far they are off by unit errors
-        self._bank: Array = np.zeros((size, sensors + 1, 1 + count))
+        # estimates without each sensor, then with all: polynomials in errors beside those used
+        self._bank: Array = np.zeros((size, sensors + 1, 1 + len(terms(self.used))))
         # how far the last one is off by unit offsets of sensors
         self._shift: Array = np.zeros((size, sensors))
         self._first = measured - sensors
@@ -292,7 +313,7 @@ class ErrorEstimate:
         self._explained = np.zeros(count + sensors)
         self._mean, self._agreed = np.zeros((2, sensors))
         self._before = np.zeros(measured)
-        self._tested, self._settled = -np.inf, np.inf
+        self._tested, self._settled, self._suspected_at = -np.inf, np.inf, -np.inf
         self.faulty, self.suspected = np.zeros(sensors, dtype=np.bool_), False
         self.heard = np.ones(measured, dtype=np.bool_)
 
@@ -318,7 +339,9 @@ class ErrorEstimate:
 
     def restart(self, gains: PostureGains, state: Array) -> None:
         """Let the second estimate go on from that of the filter."""
-        self._bank[..., 0], self._bank[..., 1:] = state[:, None], self.seen[:, None]
+        count = len(self.used)
+        self._bank[..., 0], self._bank[..., 1 + count :] = state[:, None], 0.0
+        self._bank[..., 1 : 1 + count] = self.seen[:, None]
         self._shift[:] = 0.0
         self._expected.since(-np.inf)[1][:] = gains.measured @ state
         self.forget_innovations()
@@ -383,7 +406,10 @@ class ErrorEstimate:
         """
         read, covariance = gains.measured[at], gains.surprise[np.ix_(at, at)]
         rows = (read @ self._bank.reshape(len(self._bank), -1)).reshape(-1, *self._bank.shape[1:])
-        by_errors, by_offsets = rows[:, -1, 1:], self._offsets[at] + read @ self._shift
+        beside = self.values - self.used
+        by_errors = rows[:, -1, 1:] @ terms_rate(beside)
+        explained = rows[:, -1, 1:] @ terms(beside)  # of the innovation, by the values
+        by_offsets = self._offsets[at] + read @ self._shift
         shown = np.hstack([by_errors, by_offsets])
         counted = innovation[at]
         if len(self.faulty):  # a single outlier counts little
@@ -398,7 +424,7 @@ class ErrorEstimate:
         among = np.ix_(heard, heard)
         whitened = np.linalg.solve(covariance[among], shown[heard])
         self._information += shown[heard].T @ whitened
-        self._explained += (counted + by_errors @ self.used)[heard] @ whitened
+        self._explained += (counted - explained + by_errors @ self.values)[heard] @ whitened
         heard &= good[at]
         if not heard.any():
             return
@@ -408,7 +434,7 @@ class ErrorEstimate:
                 self._quiet = time + QUIET
             else:
                 covariance = covariance[np.ix_(heard, heard)]
-                self._learn(innovation[at[heard]], by_errors[heard], covariance)
+                self._learn((innovation[at] - explained)[heard], by_errors[heard], covariance)
         correction = gains.learner[:, at[heard]]
         change = correction @ counted[heard]
         self._expected.since(since)[1][:] += gains.measured @ change
@@ -438,11 +464,10 @@ class ErrorEstimate:
 
     def _learn(self, innovation: Array, shown: Array, covariance: Array) -> None:
         """Learn the errors from innovations (k,) that show them by (k, errors)."""
-        left = innovation - shown @ (self.values - self.used)
         across = self._covariance @ shown.T
         inner = shown @ across + covariance
         gain = np.linalg.solve(inner, across.T).T
-        self.values += gain @ left
+        self.values += gain @ innovation
         np.clip(self.values, -LARGEST, LARGEST, out=self.values)
         self._covariance = self._covariance - gain @ across.T
 
@@ -469,13 +494,22 @@ class ErrorEstimate:
         self._explained *= fading
         squares[self.faulty] = 0.0
         worst = int(np.argmax(squares))
-        self.suspected = bool(squares[worst] > FAULTY and now >= self._settled)
+        contradicts = bool(squares[worst] > FAULTY)
+        if contradicts and not self.suspected and now >= self._settled:
+            # an offset that begins now does otherwise than one that the estimate has followed
+            self._shift[:] = 0.0
+            self.forget_innovations()
+            self.suspected, self._suspected_at = True, now
+            return False
+        if self.suspected and now < self._suspected_at + DECIDES:
+            return False
+        self.suspected = contradicts
         found = self.suspected and bool((np.delete(squares, worst) < squares[worst] - CLEAR).all())
         if found:
             self.faulty[worst], self._agreed[worst], self._mean[worst] = True, 0.0, offsets[worst]
             self._bank[:] = self._bank[:, worst, None].copy()
             self._shift[:] = 0.0
-            self.seen[:] = self._bank[:, -1, 1:]
+            self.seen[:] = self._bank[:, -1, 1 : 1 + e]
             self._expected.since(-np.inf)[1][:] = gains.measured @ self.estimate
             self.forget_innovations()
             if self._past:
@@ -512,24 +546,27 @@ class ErrorEstimate:
         pushed : (2 m,) array
             What the torques beyond those of that robot's plan did to its deviations.
         """
-        ways = np.column_stack([terms(self.used), terms_rate(self.used)])
+        ways = _beside(self.used)
         states, torques = self._plan(time)
-        before, held = states @ ways, np.tile(torques @ ways, (len(pushes) // len(torques), 1))
+        before, held = states @ ways, torques @ ways
         after = self._plan(time + self._period)[0] @ ways
         transition, push = gains.with_errors(self.used)
-        s, beyond = len(push), pushes - held[:, 0]
+        s, beyond = len(push), -np.tile(held, (len(pushes) // len(held), 1))
+        beyond[:, 0] += pushes
+        by_push = push @ beyond
+        after += by_push
+        linear = slice(1 + len(self.used))
         share = self._period / (self._period + AVERAGED)
-        away = np.concatenate([state[:s] - before[:, 0], beyond])
-        self._away += share * (away - self._away)
-        pushed = push @ beyond
-        after[:, 0] += pushed
-        after[:, 1:] += (gains.by_errors @ self._away).T - push @ held[:, 1:]
+        away = self._bank[:s, -1, linear] - before[:, linear]
+        self._away += share * (np.concatenate([away, beyond[:, linear]]) - self._away)
+        after[:, 1:] += _by_products(gains.by_errors @ self._away)
 
         def later(estimate: Array) -> Array:
-            """Return an estimate [itself, by unit errors] (e, k, 1 + errors) a period later."""
-            estimate[:s] -= before[:, None]
+            """Return an estimate (e, k, terms), of the first terms, a period later."""
+            some = slice(estimate.shape[2])
+            estimate[:s] -= before[:, None, some]
             ahead = (transition @ estimate.reshape(len(estimate), -1)).reshape(estimate.shape)
-            ahead[:s] += after[:, None]
+            ahead[:s] += after[:, None, some]
             return ahead
 
         estimate = later(np.column_stack([state, self.seen])[:, None])[:, 0]
@@ -546,12 +583,14 @@ class ErrorEstimate:
         change = share * (self._entering - self.used)
         self.used += change
         state += self.seen @ change
-        self._bank[..., 0] += self._bank[..., 1:] @ change
+        moved = self._bank[..., 1:] @ _beside(change)
+        self._bank[..., 0] += moved[..., 0]
+        self._bank[..., 1:] = moved[..., 1:]
         self._since += self._period
         if self._since >= APART:
             self._since = 0.0
             self._past.append((self.values.copy(), self._covariance))
-        return state, pushed
+        return state, by_push[:, 0]
 
     def state(self, time: float) -> Array:
         """Return the change of the plan's deviations (2 m,) by the errors used, at a time."""

@@ -6,6 +6,8 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cache, cached_property
+from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 from data_files import CLAMPED_FREE_CANADARM
@@ -21,6 +23,8 @@ from denoc_ros.dynamics.feedforward import TorqueFeedforward
 from denoc_ros.dynamics.measured_side import MeasuredStates, measured_robot
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.model.overrides import edited_description
+from denoc_ros.simulation.mujoco_robot import MujocoRobot, MujocoSettings
+from denoc_ros.simulation.simulated_robot import Drives, ModalRobot, SimulatedRobot
 from denoc_ros.trajectories import CycloidalTrajectory, SplineTrajectory
 from denoc_ros.types import Array
 
@@ -76,9 +80,23 @@ def designed(planned: Planned, **more: float) -> GainSchedule:
 
 def canadarm(stiffness: float = 1.0, load: float = 1.0, source: str = str(CANADARM)) -> Robot:
     """Return the planar Canadarm with gauges, no gravity, its stiffness and third link off."""
-    robot = dn.load_robot(source, gravity=(0.0, 0.0, 0.0))
+    robot = dn.load_robot(_loaded(source, load), gravity=(0.0, 0.0, 0.0))
     rigidity = {'beam.link_1.y.ei': 1e5 * stiffness, 'beam.link_2.y.ei': 2e5 * stiffness}
-    return robot.with_overrides(rigidity).with_scaled_load('tool', load)
+    return robot.with_overrides(rigidity)
+
+
+def _loaded(source: str, load: float) -> str:
+    """Return a description, or the text of a file, with the inertia of the third link scaled."""
+    text = source if source.startswith('<') else Path(source).read_text()
+    link = ElementTree.fromstring(text)
+    found = link.find('link[@name="link_3"]/inertial')
+    assert found is not None
+    for part in ('mass', 'inertia'):
+        numbers = found.find(part)
+        assert numbers is not None
+        for name, value in numbers.items():
+            numbers.set(name, repr(load * float(value)))
+    return ElementTree.tostring(link, encoding='unicode')
 
 
 @cache
@@ -160,6 +178,7 @@ class Loop:
     backlog: int = 0  # ticks after a pause in which what was measured in it arrives
     # force (3,) [N] on the tip by its place and velocity (3,), world axes
     contact: Callable[[Array, Array], Array] | None = None
+    hinges: int = 0  # per beam of a truth that MuJoCo simulates; 0: its own modes
 
     def __post_init__(self) -> None:
         self._states = MeasuredStates(self.truth)
@@ -176,12 +195,12 @@ class Loop:
         plan, truth = self.planned, self.truth
         whole = len(plan.q) - 1
         count = whole if duration is None else min(whole, round(duration / PERIOD))
-        stepper, joints = dn.Stepper(truth, PERIOD / SUBSTEPS), len(truth.joint_names)
-        q, qd, tau = self._start()
-        qdd, before = np.zeros((2, truth.n))
+        joints, tau = len(truth.joint_names), np.zeros(truth.n)
+        simulated = self._plant = self._simulated()
+        q, qd, qdd = simulated.q, simulated.qd, np.zeros(truth.n)
         queue = deque([plan.torque[0]] * round(DELAY * SUBSTEPS))
         torque, share = np.zeros((count, joints)), np.zeros(count)
-        reached = np.empty((count, truth.n))
+        reached, there = np.empty((count, truth.n)), np.empty((count, 3))
         generator = np.random.default_rng(self.seed)
         paused = part = 0
         pauses = {round(at / PERIOD): round(long / PERIOD) for at, long in self.away.items()}
@@ -205,13 +224,21 @@ class Loop:
                 queue.append(torque[k])
                 tau[:] = self._touched(q, qd)
                 tau[truth.joint_indices] += queue.popleft()
-                before[:] = qd
-                stepper.free(q, qd, tau)
-                np.divide(qd - before, PERIOD / SUBSTEPS, out=qdd)
+                simulated.free(tau)
+                qdd[:] = simulated.qdd
             reached[k] = q
-        there = truth.frame_pose('tool', reached)[:, :3, 3]
+            if isinstance(simulated, MujocoRobot):
+                there[k] = simulated.data.site('tool').xpos
+        if not self.hinges:
+            there = truth.frame_pose('tool', reached)[:, :3, 3]
         error = np.linalg.norm(there - plan.tip[:count], axis=1)
         return Outcome(error, torque, share, round(plan.duration / PERIOD))
+
+    def _readings(self, q: Array, qd: Array, qdd: Array) -> Array:
+        """Return what the truth's sensors measure (sensors,)."""
+        if isinstance(self._plant, MujocoRobot):
+            return self._plant.sensor_values()
+        return self.truth.sensor_values(q, qd, qdd if self._by_moments else None)
 
     def _touched(self, q: Array, qd: Array) -> Array | float:
         """Generalized forces (n,) of what the tip touches."""
@@ -221,13 +248,19 @@ class Loop:
         force = self.contact(self.truth.frame_pose('tool', q)[:3, 3], jacobian @ qd)
         return np.asarray(jacobian.T @ force)
 
-    def _start(self) -> tuple[Array, Array, Array]:
-        """Return coordinates, rates and torques (n,) of the truth at the plan's beginning."""
-        plan, truth = self.planned, self.truth
+    def _simulated(self) -> SimulatedRobot:
+        """Return the truth at the plan's beginning."""
+        plan, truth, step = self.planned, self.truth, PERIOD / SUBSTEPS
+        start = plan.q[0][plan.robot.joint_indices]
+        drives = Drives(truth.joint_names, truth.joint_indices, *np.zeros((2, len(start))))
+        at = truth.static_deflection(start)
+        if self.hinges:
+            chosen = MujocoSettings(self.hinges, static=False)
+            return MujocoRobot(truth, truth.tree, step, at, drives, chosen)
+        simulated = ModalRobot(truth, step, at, drives)
         if truth.coordinate_names == plan.robot.coordinate_names:
-            return plan.q[0].copy(), plan.qd[0].copy(), np.zeros(truth.n)
-        q = truth.static_deflection(plan.q[0][plan.robot.joint_indices])
-        return q, np.zeros(truth.n), np.zeros(truth.n)
+            simulated.q[:], simulated.qd[:] = plan.q[0], plan.qd[0]
+        return simulated
 
     def _torque(self, k: int, measured: Measured, generator: np.random.Generator) -> Array:
         """Return what leaves in a period (joints,): the plan's torque and the feedback's."""
@@ -246,11 +279,7 @@ class Loop:
             self._states.posture(q) + settings.position_noise * normal[:joints],
             self._states.posture(qd) + settings.velocity_noise * normal[joints : 2 * joints],
         )
-        readings, said, gone = (
-            self.truth.sensor_values(q, qd, qdd if self._by_moments else None),
-            '',
-            False,
-        )
+        readings, said, gone = self._readings(q, qd, qdd), '', False
         for place, (value, bias) in enumerate(zip(self.values, self.biases, strict=True)):
             if self._sensors[place] != said:  # the values of one come and go together
                 said = self._sensors[place]
