@@ -90,7 +90,8 @@ class Parameter:
     @property
     def help(self) -> str:
         """Text, unit and default on a command line; a default that is no value is not shown."""
-        told = f'{self.text} [{self.unit}]' if self.unit else self.text
+        head, mark, rest = self.text.partition(';')
+        told = f'{head} [{self.unit}]{mark}{rest}' if self.unit else self.text
         try:
             value = self.accept('', self.default)
         except ValueError:

@@ -93,7 +93,9 @@ class _Checked(argparse.Action):
             namespace.findings.append(str(finding))
 
 
-def add_row(group: Any, option: str, row: Parameter, default: Any = None) -> None:
+def add_row(
+    group: Any, option: str, row: Parameter, default: Any = None, dest: str | None = None
+) -> None:
     """Declare the option of a row: its text, unit, type, range and choices are the row's.
 
     Parameters
@@ -106,6 +108,8 @@ def add_row(group: Any, option: str, row: Parameter, default: Any = None) -> Non
         add_option(group, name, row.text)
         return
     more: dict[str, Any] = {'choices': row.choices} if row.choices else {}
+    if dest:
+        more['dest'] = dest
     if form:
         more['metavar'] = form
     types = {kind: plain for plain, kind in KINDS.items()}

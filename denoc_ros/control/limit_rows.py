@@ -59,12 +59,6 @@ class PlanLimits:
     tip_acceleration: float = np.inf
     power: float = np.inf
 
-    @property
-    def beyond_joints(self) -> bool:
-        """Whether there is a limit that is not a joint's."""
-        own = (self.strain, self.moment, self.deflection)
-        return any(own) or min(self.tip_speed, self.tip_acceleration, self.power) < np.inf
-
 
 @documented
 @dataclass(frozen=True, kw_only=True)
