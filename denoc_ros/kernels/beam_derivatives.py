@@ -16,6 +16,7 @@ from denoc_ros.kernels.derivative_rows import own_of
 from denoc_ros.kernels.handle import at
 from denoc_ros.kernels.lanes import (
     ones_before,
+    plus_product,
     put_all,
     put_pair,
     put_vector,
@@ -115,10 +116,10 @@ def write_points(topology, constants, work, qd, qdd, i):
 def four_products(work, o, x, a):
     """Return four sums, to each of which another of four numbers times x is added."""
     return (
-        a[0] + x * spread(work[o]),
-        a[1] + x * spread(work[o + 1]),
-        a[2] + x * spread(work[o + 2]),
-        a[3] + x * spread(work[o + 3]),
+        plus_product(a[0], x, spread(work[o])),
+        plus_product(a[1], x, spread(work[o + 1])),
+        plus_product(a[2], x, spread(work[o + 2])),
+        plus_product(a[3], x, spread(work[o + 3])),
     )
 
 
@@ -126,9 +127,9 @@ def four_products(work, o, x, a):
 def three_products(work, o, x, a):
     """Return three sums, to each of which another of three numbers times x is added."""
     return (
-        a[0] + x * spread(work[o]),
-        a[1] + x * spread(work[o + 1]),
-        a[2] + x * spread(work[o + 2]),
+        plus_product(a[0], x, spread(work[o])),
+        plus_product(a[1], x, spread(work[o + 1])),
+        plus_product(a[2], x, spread(work[o + 2])),
     )
 
 
@@ -191,15 +192,15 @@ def pair_sums(work, record, stride, points, length, count, out):
                 other, shape = take(work, o + j), take(work, o + length + j)
                 bend = take(work, o + 2 * length + j)
                 a = (
-                    a[0] + h * other,
-                    a[1] + h * shape,
-                    a[2] + h * bend,
-                    a[3] + h * take(work, o + 3 * length + j),
+                    plus_product(a[0], h, other),
+                    plus_product(a[1], h, shape),
+                    plus_product(a[2], h, bend),
+                    plus_product(a[3], h, take(work, o + 3 * length + j)),
                 )
                 b = (
-                    b[0] + s * other,
-                    b[1] + s * shape,
-                    b[2] + s * bend,
+                    plus_product(b[0], s, other),
+                    plus_product(b[1], s, shape),
+                    plus_product(b[2], s, bend),
                 )
                 o += stride
             u = out + 8 * length * n + j
@@ -220,7 +221,7 @@ def shortening_sums(topology, constants, work, i, record, stride, out):
         c = at(topology, i, at_.BEAM) + 3 + nt + nt * nt + ny + nz + j
         o = record
         for _ in range(at(topology, i, at_.POINTS)):
-            total = total + spread(work[o + 16]) * take_some(constants, c, entries - j)
+            total = plus_product(total, spread(work[o + 16]), take_some(constants, c, entries - j))
             c += step
             o += stride
         put_all(work, out + j, total)

@@ -27,13 +27,15 @@ class OwnFunctions(JITCodeLibrary):  # type: ignore[misc]
     """
 
     def _finalize_final_module(self) -> None:
-        """Close the optimized module; other functions link the module as it was."""
-        self._finalized = True
-        self._get_module_for_linking()
-        for function in self._final_module.functions:
-            if function.linkage == Linkage.linkonce_odr and not function.is_declaration:
-                function.linkage = Linkage.internal
+        """Make machine code of the optimized module, whose copies are its own meanwhile."""
+        weak = Linkage.linkonce_odr
+        functions = self._final_module.functions
+        copies = [each for each in functions if each.linkage == weak and not each.is_declaration]
+        for each in copies:
+            each.linkage = Linkage.internal
         super()._finalize_final_module()
+        for each in copies:  # for the functions that link this module
+            each.linkage = weak
 
 
 class LongLoops(Compiler):  # type: ignore[misc]

@@ -10,7 +10,15 @@ from denoc_ros.kernels import layout as at_
 from denoc_ros.kernels.compiled import short_inlined, short_shared
 from denoc_ros.kernels.derivative_layout import LANES
 from denoc_ros.kernels.handle import at
-from denoc_ros.kernels.lanes import put_all, put_vector, spread, take, take_vector, total
+from denoc_ros.kernels.lanes import (
+    plus_product,
+    put_all,
+    put_vector,
+    spread,
+    take,
+    take_vector,
+    total,
+)
 from denoc_ros.kernels.rotation import exponential_coefficients, square_plus
 from denoc_ros.kernels.vector import accumulate, add, cross, dot, load, rotate, scale, store
 
@@ -67,7 +75,7 @@ def product_sum(a, o, b, p, size):
     """Return the sum of the products of so many numbers at offset o of a and p of b."""
     found = spread(0.0)
     for k in range(0, size, LANES):
-        found = found + take(a, o + k) * take(b, p + k)
+        found = plus_product(found, take(a, o + k), take(b, p + k))
     return total(found)
 
 

@@ -10,7 +10,7 @@ from denoc_ros.kernels import layout as at_
 from denoc_ros.kernels.compiled import short_inlined, short_shared
 from denoc_ros.kernels.composite import rigid_wrench
 from denoc_ros.kernels.handle import at
-from denoc_ros.kernels.lanes import put, spread, take
+from denoc_ros.kernels.lanes import plus, plus_product, product, put, spread, take
 from denoc_ros.kernels.spatial import carried_wrench, pair, scale_pair, store_strided, sum_pair
 from denoc_ros.kernels.vector import add, cross, load, rotate, scale, unrotate
 
@@ -86,21 +86,21 @@ def spread_pair(x):
 @short_inlined
 def sixfold(x, work, o, length):
     """Return the product of six numbers with six rows, some columns at once."""
-    a = x[0] * take(work, o)
-    b = x[1] * take(work, o + length)
-    a = a + x[2] * take(work, o + 2 * length)
-    b = b + x[3] * take(work, o + 3 * length)
-    a = a + x[4] * take(work, o + 4 * length)
-    b = b + x[5] * take(work, o + 5 * length)
-    return a + b
+    a = product(x[0], take(work, o))
+    b = product(x[1], take(work, o + length))
+    a = plus_product(a, x[2], take(work, o + 2 * length))
+    b = plus_product(b, x[3], take(work, o + 3 * length))
+    a = plus_product(a, x[4], take(work, o + 4 * length))
+    b = plus_product(b, x[5], take(work, o + 5 * length))
+    return plus(a, b)
 
 
 @short_inlined
 def threefold(x, work, o, length):
     """Return the product of three numbers with three rows, some columns at once."""
-    a = x[0] * take(work, o)
-    a = a + x[1] * take(work, o + length)
-    return a + x[2] * take(work, o + 2 * length)
+    a = product(x[0], take(work, o))
+    a = plus_product(a, x[1], take(work, o + length))
+    return plus_product(a, x[2], take(work, o + 2 * length))
 
 
 @short_inlined
@@ -116,10 +116,10 @@ def inboard_span(work, c, length, first, last, force, half, o, out):
         count = last - j
         turning = threefold(half, work, k + length * (diff_.COLUMN_RATE + 3), length)
         total = sixfold(force, work, k + length * diff_.COLUMN_BEND, length)
-        put(by_q, o + j, total + (turning + turning), count)
+        put(by_q, o + j, plus(total, plus(turning, turning)), count)
         total = sixfold(force, work, k + length * diff_.COLUMN_RATE, length)
-        total = total + threefold(half, work, k + length * (diff_.COLUMN + 3), length)
-        put(by_rate, o + j, total + total, count)
+        total = plus(total, threefold(half, work, k + length * (diff_.COLUMN + 3), length))
+        put(by_rate, o + j, plus(total, total), count)
         put(inertia, o + j, sixfold(force, work, k + length * diff_.COLUMN, length), count)
 
 

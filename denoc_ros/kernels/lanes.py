@@ -137,6 +137,26 @@ def take_first(_typing, start, offset, count):
 
 
 @intrinsic
+def plus(_typing, a, b):
+    """Return a + b."""
+
+    def generate(_context, builder, _signature, args):
+        return builder.fadd(args[0], args[1], flags=_FLAGS)
+
+    return lanes(a, b), generate
+
+
+@intrinsic
+def product(_typing, a, b):
+    """Return a b."""
+
+    def generate(_context, builder, _signature, args):
+        return builder.fmul(args[0], args[1], flags=_FLAGS)
+
+    return lanes(a, b), generate
+
+
+@intrinsic
 def total(_typing, value):
     """Return the sum over all lanes."""
 
@@ -192,6 +212,12 @@ class _Negative(_Arithmetic):
 @lower_builtin(operator.neg, Lanes)
 def _negative(_context, builder, _signature, args):
     return builder.fsub(ir.Constant(_VECTOR, [-0.0] * LANES), args[0], flags=_FLAGS)
+
+
+@inlined
+def plus_product(a, b, c):
+    """Return a + b c."""
+    return plus(a, product(b, c))
 
 
 @inlined

@@ -14,7 +14,16 @@ from denoc_ros.kernels.articulated import free_joint
 from denoc_ros.kernels.compiled import inlined, shared
 from denoc_ros.kernels.derivative_rows import columns_of, sixfold, spread_pair
 from denoc_ros.kernels.handle import at
-from denoc_ros.kernels.lanes import put, put_all, spread, take, take_some
+from denoc_ros.kernels.lanes import (
+    plus,
+    plus_product,
+    product,
+    put,
+    put_all,
+    spread,
+    take,
+    take_some,
+)
 from denoc_ros.kernels.spatial import pair, scale_pair, store_pair, strided, wrench_about_origin
 from denoc_ros.kernels.vector import load
 
@@ -50,23 +59,23 @@ def factors_to_base(topology, work, held, bodies):
 @inlined
 def less_sixfold(value, x, work, o, length):
     """Return a value less the product of six numbers, spread, with six rows."""
-    return value + spread(-1.0) * sixfold(x, work, o, length)
+    return plus_product(value, spread(-1.0), sixfold(x, work, o, length))
 
 
 @inlined
 def add_sixfold(value, x, work, o, length):
     """Add a value times six numbers, spread, to six rows."""
-    put_all(work, o, take(work, o) + x[0] * value)
+    put_all(work, o, plus_product(take(work, o), x[0], value))
     o += length
-    put_all(work, o, take(work, o) + x[1] * value)
+    put_all(work, o, plus_product(take(work, o), x[1], value))
     o += length
-    put_all(work, o, take(work, o) + x[2] * value)
+    put_all(work, o, plus_product(take(work, o), x[2], value))
     o += length
-    put_all(work, o, take(work, o) + x[3] * value)
+    put_all(work, o, plus_product(take(work, o), x[3], value))
     o += length
-    put_all(work, o, take(work, o) + x[4] * value)
+    put_all(work, o, plus_product(take(work, o), x[4], value))
     o += length
-    put_all(work, o, take(work, o) + x[5] * value)
+    put_all(work, o, plus_product(take(work, o), x[5], value))
 
 
 @inlined
@@ -111,7 +120,7 @@ def add_passing(work, target, source, length, n):
     """Add one body's passing loads to another's."""
     for row in range(0, diff_.PASSING_ROWS * length, length):
         for j in range(row, row + n, diff_.LANES):
-            put_all(work, target + j, take(work, target + j) + take(work, source + j))
+            put_all(work, target + j, plus(take(work, target + j), take(work, source + j)))
 
 
 @shared
@@ -147,9 +156,9 @@ def combine(own, factor, n, x, target, source):
         count = n - j
         here, there = take_three(x, target + j, count), take_three(x, source + j, count)
         values = (
-            a * here[0] + b * there[0],
-            a * here[1] + b * there[1],
-            a * here[2] + b * there[2],
+            plus_product(product(a, here[0]), b, there[0]),
+            plus_product(product(a, here[1]), b, there[1]),
+            plus_product(product(a, here[2]), b, there[2]),
         )
         put_three(x, target + j, values, count)
 
