@@ -11,6 +11,7 @@ import re
 from collections.abc import Iterable, Mapping
 from dataclasses import MISSING, dataclass, field, fields, replace
 from enum import Enum
+from numbers import Real
 from typing import Any, TypeVar, cast
 
 from denoc_ros.errors import StateError
@@ -55,6 +56,7 @@ class Parameter:
     minimum: float = -math.inf
     maximum: float = math.inf
     positive: bool = False  # > 0, not only >= minimum
+    below: float = math.inf  # < this, not only <= maximum
     choices: tuple[str, ...] = ()
     live: bool = False
     finite: bool = False
@@ -77,6 +79,8 @@ class Parameter:
             return ' \\| '.join(f'`{choice}`' for choice in self.choices)
         if self.positive:
             return '> 0' + (f', <= {self.maximum:g}' if self.maximum < math.inf else '')
+        if self.below < math.inf:
+            return f'>= {self.minimum:g} and < {self.below:g}'
         bounds = [
             f'>= {self.minimum:g}' if self.minimum > -math.inf else '',
             f'<= {self.maximum:g}' if self.maximum < math.inf else '',
@@ -86,7 +90,8 @@ class Parameter:
     @property
     def help(self) -> str:
         """Text, unit and default on a command line; a default that is no value is not shown."""
-        told = f'{self.text} [{self.unit}]' if self.unit else self.text
+        head, mark, rest = self.text.partition(';')
+        told = f'{head} [{self.unit}]{mark}{rest}' if self.unit else self.text
         try:
             value = self.accept('', self.default)
         except ValueError:
@@ -100,7 +105,7 @@ class Parameter:
         if lowest is None or highest is None:
             return self
         positive = self.positive and lowest <= 0.0
-        return replace(self, minimum=lowest, maximum=highest, positive=positive)
+        return replace(self, minimum=lowest, maximum=highest, positive=positive, below=math.inf)
 
     def finding(self, subject: str, value: object, requirement: str) -> str:
         """Return the sentence that refuses `value`."""
@@ -153,7 +158,8 @@ class Parameter:
         number = float(cast(float, value))
         if math.isnan(number) or (self.finite and math.isinf(number)):
             raise ValueError(self.finding(subject, value, f'a number {self.range}'.rstrip()))
-        if (self.positive and not number > 0.0) or not self.minimum <= number <= self.maximum:
+        inside = self.minimum <= number <= self.maximum and not number >= self.below < math.inf
+        if not inside or (self.positive and not number > 0.0):
             raise ValueError(self.finding(subject, value, self.range))
         return number
 
@@ -168,7 +174,7 @@ def _numeric(value: object) -> object:
 
 
 def _is_number(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
+    return isinstance(value, Real) and not isinstance(value, bool)
 
 
 def _is_sequence(value: object) -> bool:
@@ -212,6 +218,11 @@ def positive(default: Any, *given: Any, **more: Any) -> Any:
     return setting(default, *given, positive=True, finite=True, **more)
 
 
+def optional(kind: type, *given: Any, **more: Any) -> Any:
+    """Declare a field that is None where it is not given."""
+    return field(default=None, metadata={ROW: parameter('', kind, *given, **more)})
+
+
 def declared(kind: type) -> dict[str, Parameter]:
     """Return the declared settings of a class by field."""
     return {each.name: each.metadata[ROW] for each in fields(kind) if ROW in each.metadata}
@@ -235,9 +246,13 @@ def documented(kind: type[Settings]) -> type[Settings]:
 def declared_findings(settings: Any, whose: str = '') -> list[str]:
     """Return the findings on settings out of their range; their names stand behind `whose`."""
     findings = []
+    may_be_none = {each.name for each in fields(settings) if each.default is None}
     for name, row in declared(type(settings)).items():
+        value = getattr(settings, name)
+        if value is None and name in may_be_none:
+            continue
         try:
-            row.accept(f'{whose}{name}', getattr(settings, name))
+            row.accept(f'{whose}{name}', value)
         except ValueError as finding:
             findings.append(str(finding))
     return findings

@@ -13,6 +13,7 @@ import sys
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import takewhile
 from pathlib import Path
 from statistics import median, quantiles
 from typing import Any
@@ -131,6 +132,27 @@ def short_with_one_user(found: Sequence[Module], graph: dict[str, set[str]]) -> 
     return [m.name for m in found if users[m.name] == 1 and m.text.count('\n') <= 130]
 
 
+def classes_behind(found: Sequence[Module], name: str) -> list[str]:
+    """Return a class of the package and those that it inherits from, each once."""
+    nodes = [node for m in found for node in ast.walk(m.tree) if isinstance(node, ast.ClassDef)]
+    bases = {node.name: [b.id for b in node.bases if isinstance(b, ast.Name)] for node in nodes}
+    behind = [name] if name in bases else []
+    for each in behind:
+        behind += [base for base in bases[each] if base in bases and base not in behind]
+    return behind
+
+
+def walks(root: Path = ROOT) -> dict[str, int]:
+    """Return the number of files of each walk through the package that a reader is shown."""
+    page = root / 'docs' / 'architecture.md'
+    rows = page.read_text(encoding='utf-8').splitlines() if page.exists() else []
+    start = (
+        rows.index('| walk | files in order |') + 2 if '| walk | files in order |' in rows else 0
+    )
+    shown = list(takewhile(bool, rows[start:])) if start else []
+    return {row.split('|')[1].strip(): len(re.findall(r'`\w+/[\w/]+\.py`', row)) for row in shown}
+
+
 def importers(found: Sequence[Module], package: str, *allowed: str) -> list[str]:
     """Return the modules outside the allowed rooms that import a package."""
     pattern = re.compile(rf'^\s*(?:import|from) {package}\b', re.MULTILINE)
@@ -176,6 +198,8 @@ def counts(root: Path = ROOT) -> dict[str, Any]:
         'functions with more than 8 arguments': sum(argument_count(f) > 8 for f in others),
         'class names that occur twice': sorted(n for n, times in classes.items() if times > 1),
         'modules in an import circle': in_circles(graph),
+        'classes behind Robot': classes_behind(found, 'Robot'),
+        'files of the walks': walks(root),
         'definitions of Array': sum(
             bool(re.search(r'^Array = ', module.text, re.MULTILINE)) for module in found
         ),

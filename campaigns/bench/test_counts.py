@@ -12,6 +12,9 @@ SOURCES = {
     'model/two.py': 'class Twin:\n    """D."""\n\n    def f(self):\n        return 1\n',
     'dynamics/three.py': 'def f():\n    from denoc_ros.dynamics.four import g\n    return g\n',
     'dynamics/four.py': 'from denoc_ros.dynamics import three\n\n\nclass Twin:\n    pass\n',
+    'dynamics/robot.py': (
+        'class Model: pass\nclass Verbs(Model): pass\nclass Robot(Verbs, Model): pass\n'
+    ),
     'cli/five.py': 'import rclpy\nArray = 1\nx = robot.arrays.topology\n',
 }
 
@@ -30,6 +33,7 @@ def test_planted_faults_are_counted(package: Path) -> None:
     found = counts(package)
     assert found['kernels with more than 10 arguments'] == 1
     assert found['class names that occur twice'] == ['Twin']
+    assert found['classes behind Robot'] == ['Robot', 'Verbs', 'Model']
     circle = ['denoc_ros.dynamics.four', 'denoc_ros.dynamics.three']
     assert found['modules in an import circle'] == circle
     assert found['definitions of Array'] == 1
@@ -43,5 +47,6 @@ def test_the_package_is_counted(capsys: pytest.CaptureFixture[str]) -> None:
     assert main([]) == 0
     printed = capsys.readouterr().out
     assert 'importers of rclpy outside nodes: 0' in printed
+    assert 'classes behind Robot: 5: ' in printed
     assert 'modules in an import circle: 0' in printed  # imports for types and in functions too
     assert 'importers of argparse outside cli and studies: 0' in printed

@@ -93,7 +93,9 @@ class _Checked(argparse.Action):
             namespace.findings.append(str(finding))
 
 
-def add_row(group: Any, option: str, row: Parameter, default: Any = None) -> None:
+def add_row(
+    group: Any, option: str, row: Parameter, default: Any = None, dest: str | None = None
+) -> None:
     """Declare the option of a row: its text, unit, type, range and choices are the row's.
 
     Parameters
@@ -106,6 +108,8 @@ def add_row(group: Any, option: str, row: Parameter, default: Any = None) -> Non
         add_option(group, name, row.text)
         return
     more: dict[str, Any] = {'choices': row.choices} if row.choices else {}
+    if dest:
+        more['dest'] = dest
     if form:
         more['metavar'] = form
     types = {kind: plain for plain, kind in KINDS.items()}
@@ -134,12 +138,23 @@ def default_of(function: Callable[..., Any], name: str) -> Any:
     return signature(function).parameters[name].default
 
 
-def add_settings(group: Any, kind: type, *options: str) -> None:
-    """Declare options that are called like the declared fields of a class of settings."""
+def field_of(option: str) -> str:
+    """Return the field that an option is called like, which may be followed by its form."""
+    return option.partition(' ')[0].lstrip('-').replace('-', '_')
+
+
+def add_settings(group: Any, kind: type, *options: str, unset: bool = False) -> None:
+    """Declare options that are called like the declared fields of a class of settings.
+
+    Parameters
+    ----------
+    unset : bool
+        Whether None stands for what is not given.
+    """
     rows = declared(kind)
     for option in options:
-        row = rows[option.partition(' ')[0].lstrip('-').replace('-', '_')]
-        add_row(group, option, row, row.default)
+        row = rows[field_of(option)]
+        add_row(group, option, row, None if unset else row.default)
 
 
 TIMES = ('--time COLUMN', '--time-unit', '--rate HZ')

@@ -12,6 +12,7 @@ from denoc_ros.cli.arguments import (
     WINDOW,
     add_gravity,
     add_json,
+    add_number,
     add_option,
     add_output,
     add_pairs,
@@ -80,7 +81,7 @@ def add_verdict_options(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group('the verdict (default: that of the strongest mode)')
     add_option(group, '--band LO:HI', 'exit status by all modes between two frequencies [Hz]', '')
     text = 'exit status by the K strongest modes, in the band if one is given'
-    add_option(group, '--modes K', text, type=int)
+    add_number(group, '--modes K', int, text, '', 1)
 
 
 def asked_of(args: argparse.Namespace) -> tuple[tuple[float, float], int | None]:
@@ -94,8 +95,6 @@ def asked_of(args: argparse.Namespace) -> tuple[tuple[float, float], int | None]
             findings.append(f'--band must be LO:HI in Hz, got {args.band!r}')
         if not 0.0 <= band[0] < band[1]:
             findings.append(f'--band must have 0 <= LO < HI, got {args.band}')
-    if args.modes is not None and args.modes < 1:
-        findings.append(f'--modes must be at least 1, got {args.modes}')
     ConfigError.raise_any('identify', findings)
     return band, args.modes
 

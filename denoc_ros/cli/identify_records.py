@@ -14,6 +14,7 @@ from denoc_ros.cli.arguments import (
     add_option,
     add_output,
     add_pairs,
+    add_row,
     add_settings,
     given_file,
     require,
@@ -59,6 +60,7 @@ from denoc_ros.reports.identify_signals import (
     servo_text,
 )
 from denoc_ros.reports.text_table import Row, text_table
+from denoc_ros.settings import declared
 
 
 def _add_signal(parser: argparse.ArgumentParser) -> None:
@@ -265,14 +267,8 @@ def _forced(args: argparse.Namespace) -> VerbResult:
 def _add_servo(parser: argparse.ArgumentParser) -> None:
     add_recording_options(parser, several=True)
     group = parser.add_argument_group('the signals')
-    add_option(
-        group,
-        '--command TOPIC',
-        'topic of the commands: JointTrajectory, whole or streamed, or JointState; '
-        'default: /reference',
-        '/reference',
-        dest='commanded',
-    )
+    row = declared(ServoOptions)['commanded']
+    add_row(group, '--command TOPIC', row, row.default, dest='commanded')
     add_option(
         group,
         '--topic',

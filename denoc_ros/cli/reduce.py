@@ -23,6 +23,7 @@ from denoc_ros.cli.arguments import (
 from denoc_ros.cli.verb_result import VerbResult
 from denoc_ros.cli.verbs import DOUBTFUL
 from denoc_ros.errors import ConfigError, ModelError
+from denoc_ros.model.suggest.materials import ASSUMED_DAMPING
 from denoc_ros.output_files import require_new, whole_file, write_new
 from denoc_ros.reports.text_table import text_table
 
@@ -61,7 +62,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     _add_matrices(parser)
     group = parser.add_argument_group('modes')
     add_number(group, '--modes N', 6, 'modes', '', 1, 64)
-    add_option(group, '--damping RATIO', 'damping ratio of each; default: 0.005', type=float)
+    add_number(
+        group, '--damping RATIO', ASSUMED_DAMPING, 'damping ratio of each', '', 0.0, below=1.0
+    )
     text = 'a mass at a frame that the modes are those of'
     add_pairs(group, '--tip-mass NAME=KG', text, float)
     text = 'a strain gauge: place on the surface [m] and direction'
@@ -196,8 +199,6 @@ def _frames(args: argparse.Namespace, described: LinkDescription | None) -> Fram
             findings.append(f'--radius must be > 0 m, got {radius:g}')
         if name not in ('*', 'root', *outer):
             findings.append(f'--radius must name root or {", ".join(outer)}, got {name!r}')
-    if args.damping is not None and not 0.0 <= args.damping < 1.0:
-        findings.append(f'--damping must be >= 0 and < 1, got {args.damping:g}')
     if args.scale is not None and args.units is not None:
         findings.append('--scale must come without --units, got both')
     require(findings)
@@ -227,14 +228,13 @@ def _wishes(args: argparse.Namespace, described: LinkDescription | None, frames:
         if not values[3:].any():
             findings.append(f'--gauge {name} must have a direction that is not zero')
     require(findings)
-    given = {} if args.damping is None else {'damping_ratio': args.damping}
     gauges = {} if described is None else dict(described.gauges)
     return Wishes(
         modes=args.modes,
+        damping_ratio=args.damping,
         tip_mass=args.tip_mass,
         gauges=gauges | {name: (at[:3], at[3:]) for name, at in args.gauge.items()},
         quadratic=args.quadratic,
-        **given,
     )
 
 

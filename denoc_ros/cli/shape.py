@@ -18,6 +18,8 @@ from denoc_ros.cli.arguments import (
     add_output,
     add_overrides,
     add_pairs,
+    add_settings,
+    field_of,
     given_file,
     overrides_of,
     require,
@@ -26,8 +28,11 @@ from denoc_ros.cli.config import flatten, read_yaml
 from denoc_ros.cli.motion_file import read_motion, write_plan
 from denoc_ros.cli.progress import share_bar
 from denoc_ros.cli.verb_result import VerbResult
+from denoc_ros.control.joint_plans import RestOptions, ShaperOptions
+from denoc_ros.control.limit_rows import BEAMS, JOINTS, LimitOptions
 from denoc_ros.control.plan import Plan
-from denoc_ros.control.shape import shape_motion
+from denoc_ros.control.shape import BASES, OPTIONS, shape_motion
+from denoc_ros.control.tip_options import TipOptions
 from denoc_ros.dynamics.reacting_base import held_robot
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.errors import ConfigError
@@ -36,52 +41,15 @@ from denoc_ros.reports.pages import engineering
 from denoc_ros.reports.provenance import named_file, provenance
 from denoc_ros.reports.run_files import EARTH
 from denoc_ros.reports.shape import compare, page
-from denoc_ros.runtime.shaper_parameters import METHODS
+from denoc_ros.runtime.shaper_parameters import OF_STREAMS
 
-BASES = ('free_floating', 'free_flying')
-TIP_ONLY = ('joints', 'stretch', 'preaction', 'postaction', 'turn', 'step')
-NUMBERS = {
-    'stretch': 'largest factor by which a motion may be slowed down to keep the limits',
-    'preaction': 'longest time that the joints may move before the motion [s]',
-    'postaction': 'longest time that the joints may move after the motion [s]',
-    'turn': 'weight of a radian of rotation, in metres of position; 0: only positions matter',
-    'step': 'time between the nodes at which the equations hold [s]',
-}
-LIMITS = {
-    'velocity': ('joint', 'rad/s, m/s'),
-    'acceleration': ('joint', 'rad/s^2, m/s^2'),
-    'jerk': ('joint', 'rad/s^3, m/s^3'),
-    'effort': ('joint', 'N m, N'),
-    'effort_rate': ('joint', 'N m/s, N/s'),
-    'strain': ('link', '1'),
-    'moment': ('link', 'N m'),
-    'deflection': ('link', 'm'),
-}
 LEAST_GAIN = 1e-5  # of the duration: smaller gains are not listed
-NUMBERS_OF_ALL = {'tip_speed': 'm/s', 'tip_acceleration': 'm/s^2', 'power': 'W'}
-FASTEST = ('tip', 'rest_to_rest')
-OF_STREAMS = ('zv', 'zvd', 'ei')
-SHAPERS = (*OF_STREAMS, 'rest_to_rest')
-# options of the other methods, and which have them
-OTHERS = {
-    'modes': (int, SHAPERS, 'number of modes that come to rest, from the lowest'),
-    'duration': (
-        float,
-        ('rest_to_rest',),
-        'duration of the motion [s]; 0: the shortest within limits',
-    ),
-    'robustness': (
-        float,
-        ('rest_to_rest',),
-        "assumed error of the modes' frequencies, as a share",
-    ),
-    'radius': (
-        float,
-        ('rest_to_rest',),
-        'the tip passes the points between first and last, in their order, so near [m]; default: '
-        'they do not matter',
-    ),
-}
+OF_LIMITS = (
+    '--tip-speed X', '--tip-acceleration X', '--power X', '--margin SHARE', '--uncertainty SHARE',
+)  # fmt: skip
+OF_TIP = ('--stretch X', '--preaction S', '--postaction S', '--turn M', '--step S')
+OF_REST = ('--duration S', '--robustness SHARE', '--radius M')
+PLANNED = tuple(map(field_of, (*OF_LIMITS, *OF_TIP, '--modes', *OF_REST)))
 DESCRIPTION = (
     'Plan the motion of the joints so that the tip of a flexible robot moves like that of the '
     'undeformed robot, or so that no vibration is left at the end. The plan is a reference that '
@@ -104,7 +72,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         'the plan: .yaml for a reference of the joints, .csv for a table of all quantities',
         required=True,
     )
-    add_option(parser, '--method', 'method of planning; default: tip', 'tip', choices=METHODS)
+    add_option(
+        parser, '--method', 'method of planning; default: tip', 'tip', choices=tuple(OPTIONS)
+    )
     add_option(parser, '--tip FRAME', 'frame to keep on its path; repeatable', action='append')
     add_option(
         parser,
@@ -124,47 +94,27 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add_gravity(parser, None, "the motion file's, else 0 0 -9.81")
     add_overrides(parser)
     _add_limits(parser)
-    _add_tip_options(parser)
+    _add_method_options(parser)
 
 
 def _add_limits(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group("limits in place of the file's")
     add_option(group, '--joint-limits FILE', "joint_limits.yaml, as MoveIt's configurations have")
-    for name, (whose, unit) in LIMITS.items():
-        add_pairs(
-            group,
-            f'--{name.replace("_", "-")} {whose.upper()}=VALUE',
-            f'largest {name.replace("_", " ")} of a {whose} [{unit}]',
-            float,
-        )
-    for name, unit in NUMBERS_OF_ALL.items():
-        group.add_argument(
-            f'--{name.replace("_", "-")}',
-            metavar='X',
-            type=float,
-            help=f'largest {name.replace("_", " ")} [{unit}]',
-        )
-    add_option(
-        group, '--margin SHARE', 'share of every limit but positions that is kept free', type=float
-    )
-    add_option(
-        group,
-        '--uncertainty SHARE',
-        "share by which the links' stiffness and the load may be off: says how much of "
-        'each limit would then be used',
-        type=float,
-    )
+    for whose, limits in {'joint': JOINTS, 'link': BEAMS}.items():
+        for name, unit in limits.items():
+            option = f'--{name.replace("_", "-")} {whose.upper()}=VALUE'
+            add_pairs(group, option, f'largest {name.replace("_", " ")} [{unit}]', float)
+    add_settings(group, LimitOptions, *OF_LIMITS, unset=True)
 
 
-def _add_tip_options(parser: argparse.ArgumentParser) -> None:
+def _add_method_options(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group('method tip')
     add_option(group, '--joints NAME,…', 'the driven joints; default: all but mimic joints')
-    for name, text in NUMBERS.items():
-        group.add_argument(f'--{name}', metavar='X', type=float, help=text)
+    add_settings(group, TipOptions, *OF_TIP, unset=True)
+    group = parser.add_argument_group('method rest_to_rest')
+    add_settings(group, RestOptions, *OF_REST, unset=True)
     group = parser.add_argument_group('input shapers and rest to rest')
-    for name, (kind, methods, text) in OTHERS.items():
-        said = 'all of them' if methods is SHAPERS else ', '.join(methods)
-        group.add_argument(f'--{name}', metavar='X', type=kind, help=f'{text} ({said})')
+    add_settings(group, ShaperOptions, '--modes N', unset=True)
     add_option(
         group,
         '--mode-table FILE',
@@ -184,7 +134,7 @@ def run(args: argparse.Namespace) -> VerbResult:
     times, joints = read_motion(values, motion_file, robot.joint_names)
     tip = args.tip or values.get('tip')
     with share_bar(args.json) as bar:
-        if args.method in FASTEST:
+        if hasattr(OPTIONS[args.method], 'progress'):
             options['progress'] = lambda share: bar.update(share - bar.n)
         plan = shape_motion(robot, times, joints, args.method, tip, base=args.base, **options)
     write_plan(plan, args.output, args.interval)
@@ -198,14 +148,13 @@ def _findings(args: argparse.Namespace) -> list[str]:
     found = []
     if args.output.suffix not in ('.yaml', '.yml', '.csv'):
         found.append(f'--output must end in .yaml or .csv, got {args.output.name!r}')
-    if args.method != 'tip':
-        given = [name for name in TIP_ONLY if getattr(args, name) is not None]
-        found += [f'--{name} is for --method tip, got {args.method}' for name in given]
-    if args.fastest and args.method not in FASTEST:
-        found.append(f'--fastest is for --method {" or ".join(FASTEST)}, got {args.method}')
-    for name, (_, methods, _) in OTHERS.items():
-        if getattr(args, name) is not None and args.method not in methods:
-            found.append(f'--{name} is for --method {" or ".join(methods)}, got {args.method}')
+    given = {name: name for name in (*PLANNED, 'joints') if getattr(args, name) is not None}
+    if args.fastest:
+        given['time'] = 'fastest'
+    for name, option in given.items():
+        methods = [method for method, kind in OPTIONS.items() if hasattr(kind, name)]
+        if args.method not in methods:
+            found.append(f'--{option} is for --method {" or ".join(methods)}, got {args.method}')
     if args.mode_table is not None and args.method not in OF_STREAMS:
         found.append(f'--mode-table is for --method zv, zvd or ei, got {args.method}')
     return found
@@ -215,12 +164,12 @@ def _options(args: argparse.Namespace, values: Mapping[str, Any]) -> dict[str, A
     options: dict[str, Any] = {}
     if args.joint_limits:
         options.update(read_joint_limits(given_file(args.joint_limits, 'joint limits')))
-    for name in LIMITS:
+    for name in (*JOINTS, *BEAMS):
         if given := getattr(args, name):
             options[name] = {**options.get(name, {}), **given}
     if args.fastest:
         options['time'] = 'minimum'
-    for name in (*NUMBERS, *OTHERS, *NUMBERS_OF_ALL, 'margin', 'uncertainty'):
+    for name in PLANNED:
         if getattr(args, name) is not None:
             options[name] = getattr(args, name)
     if args.mode_table is not None:

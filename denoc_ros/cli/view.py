@@ -16,12 +16,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from denoc_ros.bags.reader import read_description
-from denoc_ros.cli.arguments import add_gravity, add_option
+from denoc_ros.cli.arguments import add_gravity, add_number, add_option
 from denoc_ros.cli.config import find_file, read_yaml, share_directory
 from denoc_ros.cli.progress import Progress
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.errors import BagError, ConfigError, DenocError
 from denoc_ros.reports.run_files import EARTH, find_bag, plant_of, read_session, recording_name
+from denoc_ros.viewer.scene_setup import AUTO, VIEWS
 
 if TYPE_CHECKING:
     from denoc_ros.viewer.film import Look
@@ -29,7 +30,6 @@ if TYPE_CHECKING:
     from denoc_ros.viewer.recorded import RecordedRun
 
 SOURCES = ('plant', 'predictor', 'replay', 'joints')
-VIEWS = ('auto', 'side', 'top', 'front', 'iso')
 STRIP_RATE = 60.0  # Hz
 DEFAULT_PORT = 8080
 FIRST = 'canadarm'  # that the gallery shows
@@ -135,7 +135,7 @@ def add_film_options(parser: argparse.ArgumentParser) -> None:
     add_option(group, '--speed', 'speed of the film: 0.1 is ten times slower than real time', 1.0)
     add_option(group, '--fps', 'frames per second, default 30, for a GIF 20', type=float)
     add_option(group, '--size WxH', 'size in pixels, default 1280x720', '')
-    add_option(group, '--view', 'direction of view', 'auto', choices=VIEWS)
+    add_option(group, '--view', 'direction of view', AUTO, choices=(AUTO, *VIEWS))
 
 
 def wants_pictures(args: argparse.Namespace) -> bool:
@@ -201,13 +201,10 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         nargs='?',
     )
     add_gravity(parser, None, "the run's, else 0 0 -9.81")
-    add_option(
-        parser,
-        '--scale',
-        'factor that enlarges deflections, 1 to 100; default 1, for films chosen so that '
-        'they are visible',
-        type=float,
+    text = (
+        'factor that enlarges deflections; default: 1, for films chosen so that they are visible'
     )
+    add_number(parser, '--scale X', float, text, '', 1.0, 100.0)
     add_option(parser, '--host', 'interface to listen on', '127.0.0.1')
     add_option(
         parser,
@@ -223,8 +220,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the verb and return the exit status; errors are raised."""
-    if args.scale is not None and not 1.0 <= args.scale <= 100.0:
-        raise ConfigError('denoc view', [f'--scale must be 1 to 100, got {args.scale:g}'])
     run_path = Path(args.shown) if args.shown is not None and is_run(args.shown) else None
     if wants_pictures(args):
         if run_path is None:

@@ -31,9 +31,9 @@ from denoc_ros.dynamics.floating_base import ATTITUDE
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.stepper import Stepper
 from denoc_ros.errors import StateError
+from denoc_ros.settings import documented, optional
 from denoc_ros.types import Array
 
-OUTPUT = 0.004  # s between rows of a plan
 ROBUSTNESS = 0.1  # of a motion in a given time
 MOST_WAYPOINTS = 20
 DRAWS = 24  # of robots with other stiffness and load
@@ -48,6 +48,7 @@ class JointMotion(Protocol):
         """Return the rows."""
 
 
+@documented
 @dataclass(frozen=True, kw_only=True)
 class ShaperOptions(LimitOptions):
     """Options of an input shaper.
@@ -57,20 +58,23 @@ class ShaperOptions(LimitOptions):
 
     Attributes
     ----------
-    modes : int, optional
-        How many modes, from the lowest; default those below ten times the lowest.
-    output_step : float
-        Between the rows of the plan [s].
-    cancel : callable, optional
-        Returns True where the work must end: SolverError then.
     mode_table : ModeTable or path, optional
         Measured modes over postures, in place of the robot's own, which may be rigid: for
         ``zv``, ``zvd``, ``ei``. `modes` counts them as well.
+
+    Raises
+    ------
+    StateError
+        If a number is out of range.
     """
 
-    modes: int | None = None
-    output_step: float = OUTPUT
-    cancel: Callable[[], bool] | None = None
+    modes: int | None = optional(
+        int,
+        'number of modes that come to rest, from the lowest; default: all below ten times the '
+        'lowest frequency',
+        '',
+        1,
+    )
     mode_table: ModeTable | str | Path | None = None
 
     @property
@@ -80,37 +84,59 @@ class ShaperOptions(LimitOptions):
         return given if given is None or isinstance(given, ModeTable) else read_mode_table(given)
 
 
+@documented
 @dataclass(frozen=True, kw_only=True)
 class RestOptions(ShaperOptions):
     """Options of a motion from rest to rest.
 
     Attributes
     ----------
-    duration : float, optional
-        s; default that of the motion that was asked for; 0: the shortest within the limits.
-    robustness : float, optional
-        Share by which the modes' frequencies may be off; default 0.1. In the shortest motion it
-        must be 0: what keeps a swing small with other frequencies takes time.
     time : str
         ``minimum``: the shortest within all limits, as `duration` 0.
     waypoints : (w, driven joints) array, optional
         Postures that the first of the tips passes in this order, within `radius` of where the
         undeformed robot's is there; default those between the first and the last that were asked
         for, where there is a radius.
-    radius : float, optional
-        Of the waypoints [m].
     progress : callable, optional
         Takes the share of the work that is done, 0 to 1.
+
+    Raises
+    ------
+    StateError
+        If a number is out of range.
     """
 
-    duration: float | None = None
-    robustness: float | None = None
+    duration: float | None = optional(
+        float,
+        'duration of the motion; 0: the shortest within limits; default: that of the motion that '
+        'was asked for',
+        's',
+        0.0,
+        finite=True,
+    )
+    # what keeps a swing small with other frequencies takes time: 0 in the shortest motion
+    robustness: float | None = optional(
+        float,
+        "assumed error of the modes' frequencies, as a share; default: 0.1, in the shortest "
+        'motion 0',
+        '',
+        0.0,
+        below=1.0,
+    )
     time: str = 'asked'
     waypoints: ArrayLike | None = None
-    radius: float | None = None
+    radius: float | None = optional(
+        float,
+        'the tip passes the points between first and last, in their order, so near; default: they '
+        'do not matter',
+        'm',
+        positive=True,
+        finite=True,
+    )
     progress: Callable[[float], object] | None = None
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         require_time(self.time)
         if self.time == 'minimum' and self.duration:
             raise StateError(
@@ -158,8 +184,6 @@ def rest_motion(
         )
     limits, fastest = options.limits(robot), options.time == 'minimum'
     asked = float(times[-1] - times[0]) if options.duration is None else float(options.duration)
-    if not asked >= 0.0 or not np.isfinite(asked):
-        raise StateError(f'shape_motion: duration must be >= 0 s, got {options.duration!r}')
     robustness, shortest = options.robustness, fastest or asked == 0.0
     if shortest and robustness:
         raise StateError(
@@ -224,9 +248,8 @@ def _waypoints(
         )
     if not np.isfinite(postures).all():
         raise StateError(f'shape_motion: waypoints must be finite, got {postures.tolist()}')
-    radius = options.radius
-    if not (isinstance(radius, int | float) and np.isfinite(radius) and radius > 0.0):
-        raise StateError(f'shape_motion: radius of waypoints must be > 0 m, got {radius!r}')
+    if options.radius is None:
+        raise StateError('shape_motion: radius of waypoints must be > 0 m, got None')
     limits = options.limits(robot).joints.of(driven.places)
     for k, posture in enumerate(postures):
         if (posture < limits.lower).any() or (posture > limits.upper).any():
@@ -234,7 +257,7 @@ def _waypoints(
                 f'shape_motion: waypoint {k + 1} must be within {limits.lower.tolist()} to '
                 f'{limits.upper.tolist()}, got {posture.tolist()}'
             )
-    return Waypoints(frames[0], postures, float(radius))
+    return Waypoints(frames[0], postures, options.radius)
 
 
 def _check(options: ShaperOptions) -> Callable[[], None]:
@@ -258,8 +281,6 @@ def _plan(
 
     In steps that are equal shares of as many equal parts.
     """
-    if not (np.isfinite(options.output_step) and options.output_step > 0.0):
-        raise StateError(f'shape_motion: output_step must be > 0 s, got {options.output_step}')
     steps = np.ceil((window[1] - window[0]) / (parts * options.output_step) - 1e-9)
     t = np.linspace(*window, parts * max(1, int(steps)) + 1)
     return _simulated(method, robot, motion, t, options.modes, table)
@@ -312,8 +333,6 @@ def with_spread(robot: Robot, plan: Plan, frames: tuple[str, ...], options: Limi
     the frames, are drawn evenly within the options' `uncertainty`, and at its ends.
     """
     share, limits = options.uncertainty, options.limits(robot)
-    if not (isinstance(share, int | float) and 0.0 <= share < 1.0):
-        raise StateError(f'shape_motion: uncertainty must be >= 0 and < 1, got {share!r}')
     links = sorted(
         {
             body.link

@@ -15,14 +15,22 @@ from denoc_ros.control.plan import LimitUse, Plan
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import StateError
 from denoc_ros.model.tree import Body
+from denoc_ros.settings import documented, optional, positive, require_declared, setting
 from denoc_ros.types import Array
 
 Int = NDArray[np.int64]
 STATIONS = 9  # of each segment of a beam at which strain and moment are looked at
 PLACES = 50  # along a motion at which limits may be narrower
 LITTLE = 1e-6  # m, rad: of differences of nearly linear deflections
-JOINTS = ('velocity', 'acceleration', 'jerk', 'effort', 'effort_rate')
-BEAMS = ('strain', 'moment', 'deflection')
+# limits by name, with their units
+JOINTS = {
+    'velocity': 'rad/s, m/s',
+    'acceleration': 'rad/s^2, m/s^2',
+    'jerk': 'rad/s^3, m/s^3',
+    'effort': 'N m, N',
+    'effort_rate': 'N m/s, N/s',
+}
+BEAMS = {'strain': '1', 'moment': 'N m', 'deflection': 'm'}
 TIPS = ('tip_speed', 'tip_acceleration', 'power')
 
 
@@ -51,13 +59,8 @@ class PlanLimits:
     tip_acceleration: float = np.inf
     power: float = np.inf
 
-    @property
-    def beyond_joints(self) -> bool:
-        """Whether there is a limit that is not a joint's."""
-        own = (self.strain, self.moment, self.deflection)
-        return any(own) or min(self.tip_speed, self.tip_acceleration, self.power) < np.inf
 
-
+@documented
 @dataclass(frozen=True, kw_only=True)
 class LimitOptions:
     """Limits that the options of a method may give.
@@ -70,13 +73,13 @@ class LimitOptions:
     strain, moment, deflection : optional
         Limits of beams, a number or by link: outer-fibre strain [1] in place of the file's,
         bending moment [N m], deflection of the tip [m].
-    tip_speed, tip_acceleration, power : float, optional
-        Limits of the tips [m/s, m/s^2], and of what the joints draw together [W].
-    margin : float
-        Share of every limit but positions that is kept free.
-    uncertainty : float
-        Share by which the links' stiffness and the load may be off: the plan's limits then have
-        the `spread`, their largest shares where that is so and the joints do the plan's motion.
+    cancel : callable, optional
+        Returns True where the work must end: SolverError then.
+
+    Raises
+    ------
+    StateError
+        If a number is out of range.
     """
 
     velocity: Given | None = None
@@ -87,11 +90,29 @@ class LimitOptions:
     strain: Given | None = None
     moment: Given | None = None
     deflection: Given | None = None
-    tip_speed: float | None = None
-    tip_acceleration: float | None = None
-    power: float | None = None
-    margin: float = 0.0
-    uncertainty: float = 0.0
+    tip_speed: float | None = optional(float, 'largest speed of a tip', 'm/s', positive=True)
+    tip_acceleration: float | None = optional(
+        float, 'largest acceleration of a tip', 'm/s^2', positive=True
+    )
+    power: float | None = optional(
+        float, 'largest power that the joints draw together', 'W', positive=True
+    )
+    margin: float = setting(
+        0.0, 'share of every limit but positions that is kept free', '', 0.0, below=1.0
+    )
+    uncertainty: float = setting(
+        0.0,
+        "share by which the links' stiffness and the load may be off: the plan then says how "
+        'much of each limit would be used',
+        '',
+        0.0,
+        below=1.0,
+    )
+    output_step: float = positive(0.004, 'time between the rows of the plan', 's')
+    cancel: Callable[[], bool] | None = None
+
+    def __post_init__(self) -> None:
+        require_declared(self, 'shape_motion')
 
     def limits(self, robot: Robot) -> PlanLimits:
         """Return the limits of a robot with these options."""
@@ -126,8 +147,6 @@ def motion_limits(
         A limit that is not > 0, or of an unknown joint or link; a strain where nothing tells how
         far its outer fibre is.
     """
-    if not (isinstance(margin, int | float) and 0.0 <= margin < 1.0):
-        raise StateError(f'limits: margin must be >= 0 and < 1, got {margin!r}')
     own = joint_limits(robot, **joints).scaled(1.0 - margin)
     beams = [body for body in robot.tree.bodies if body.beam is not None]
     links = sorted({body.link for body in beams})

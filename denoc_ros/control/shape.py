@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import fields, replace
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,7 +18,6 @@ from denoc_ros.control.joint_plans import (
     shaper_motion,
     with_spread,
 )
-from denoc_ros.control.limit_rows import LimitOptions
 from denoc_ros.control.plan import Plan
 from denoc_ros.control.reaction import falling
 from denoc_ros.control.tip import tip_motion
@@ -28,9 +27,7 @@ from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import StateError
 from denoc_ros.types import Array
 
-Options = TypeVar('Options', TipOptions, ShaperOptions, RestOptions)
 BASES = ('free_floating', 'free_flying')
-Planner = Callable[..., Plan]  # (robot, times, q_joints, tip frames, **options)
 
 
 def on_thrusters(robot: Robot, plan: Plan) -> Plan:
@@ -63,43 +60,24 @@ def _wrench(robot: Robot, force: Array) -> Array:
     return np.concatenate([own[:, :3] @ turn.T, own[:, 3:] @ turn.T], axis=1)
 
 
-def _options(kind: type[Options], method: str, given: dict[str, Any]) -> Options:
+OPTIONS: dict[str, type[TipOptions | ShaperOptions]] = {
+    'tip': TipOptions,
+    **dict.fromkeys(impulses.METHODS, ShaperOptions),
+    'rest_to_rest': RestOptions,
+}
+
+
+def _options(method: str, given: Mapping[str, Any]) -> TipOptions | ShaperOptions:
     """Return the options of a method after a check of their names."""
-    known = [field.name for field in fields(kind)]
+    if method not in OPTIONS:
+        raise StateError(
+            f'shape_motion: method must be one of {", ".join(OPTIONS)}, got {method!r}'
+        )
+    known = [field.name for field in fields(OPTIONS[method])]
     unknown = sorted(set(given) - set(known))
     if unknown:
         raise StateError(f'shape_motion: options of {method!r} must be of {known}, got {unknown}')
-    return kind(**given)
-
-
-def _tip(
-    robot: Robot, times: Array, q_joints: Array, frames: tuple[str, ...], **options: Any
-) -> Plan:
-    return tip_motion(robot, times, q_joints, frames, _options(TipOptions, 'tip', options))
-
-
-def _shaper(method: str) -> Planner:
-    def planner(
-        robot: Robot, times: Array, q_joints: Array, frames: tuple[str, ...], **options: Any
-    ) -> Plan:
-        chosen = _options(ShaperOptions, method, options)
-        return shaper_motion(method, robot, times, q_joints, frames, chosen)
-
-    return planner
-
-
-def _rest(
-    robot: Robot, times: Array, q_joints: Array, frames: tuple[str, ...], **options: Any
-) -> Plan:
-    chosen = _options(RestOptions, 'rest_to_rest', options)
-    return rest_motion(robot, times, q_joints, frames, chosen)
-
-
-METHODS: dict[str, Planner] = {
-    'tip': _tip,
-    **{method: _shaper(method) for method in impulses.METHODS},
-    'rest_to_rest': _rest,
-}
+    return OPTIONS[method](**given)
 
 
 def shape_motion(
@@ -151,18 +129,17 @@ def shape_motion(
         No such motion was found; with what is left.
     """
     flies = _flies(robot, options.pop('base', None))
-    planner = METHODS.get(method)
-    if planner is None:
-        raise StateError(
-            f'shape_motion: method must be one of {", ".join(METHODS)}, got {method!r}'
-        )
+    chosen = _options(method, options)
     at, joints = _motion(robot, times, q_joints)
     planned = held_robot(robot) if flies else falling(robot)
     frames = tip_frames(planned, tip)
-    plan = planner(planned, at, joints, frames, **options)
-    known = {each.name for each in fields(LimitOptions)}
-    given = {name: value for name, value in options.items() if name in known}
-    plan = with_spread(planned, plan, frames, LimitOptions(**given))
+    if isinstance(chosen, TipOptions):
+        plan = tip_motion(planned, at, joints, frames, chosen)
+    elif isinstance(chosen, RestOptions):
+        plan = rest_motion(planned, at, joints, frames, chosen)
+    else:
+        plan = shaper_motion(method, planned, at, joints, frames, chosen)
+    plan = with_spread(planned, plan, frames, chosen)
     return on_thrusters(robot, plan) if flies else plan
 
 

@@ -34,7 +34,6 @@ FEWEST = 8  # nodes, whatever step is asked for
 LONGEST_STEP = 0.04  # s between nodes
 HALVINGS = 2  # of the step, where the equations do not hold well between nodes
 GRID_ERROR = 3e-7  # of the tip's distance: root mean square of the equations between nodes
-OUTPUT = 0.004  # s between rows of a plan
 TURN = 0.01  # of the tip's distance: how much a radian of turn counts
 # rad per rad of joints: where these turn a tip less, near a singular posture, its turn counts less
 FAINT = 0.25
@@ -182,7 +181,7 @@ class TipGrids:
     def plan(self, grid: TipGrid, asked: Motion) -> Plan:
         """Return the plan of a motion on the grid, on finer times, with its torque and errors."""
         problem, nodes, step, robot = grid.problem, grid.nodes, grid.step, self.robot
-        fine = max(1, math.ceil(step / (self.options.output_step or OUTPUT) - 1e-9))
+        fine = max(1, math.ceil(step / self.options.output_step - 1e-9))
         t = nodes[0] + step / fine * np.arange((len(nodes) - 1) * fine + 1)
         motion = grid.motion.sample(t)
         if len(problem.base):

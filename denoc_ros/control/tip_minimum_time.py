@@ -27,7 +27,7 @@ from denoc_ros.control.minimum_time import (
 from denoc_ros.control.plan import Plan
 from denoc_ros.control.stretching import UNSOLVED
 from denoc_ros.control.timing import Timing, TimingBasis
-from denoc_ros.control.tip_grid import FEWEST, OUTPUT, TipGrid, TipGrids
+from denoc_ros.control.tip_grid import FEWEST, TipGrid, TipGrids
 from denoc_ros.control.tip_options import TipOptions
 from denoc_ros.control.tip_solver import CancelledError, sensitivity
 from denoc_ros.errors import SolverError, StateError
@@ -400,7 +400,7 @@ class RigidMinimumTime:
     def plan(self, found: TimedPath) -> Plan:
         """Return the plan of a motion, in even steps of time."""
         timing = found.timing
-        output = self._grids.options.output_step or OUTPUT
+        output = self._grids.options.output_step
         count = max(FEWEST, int(np.ceil(timing.duration / output - 1e-9)))
         t = np.linspace(0.0, timing.duration, count + 1)
         cell = np.clip(np.searchsorted(timing.t, t, side='right') - 1, 0, CELLS - 1)

@@ -23,7 +23,7 @@ POLISH = 3  # Gauss-Newton steps at the end: each squares the error
 
 
 def assemble(robot: RobotModel, guess: Array, fixed: Sequence[str]) -> Array:
-    """Return closed coordinates (n,) near a guess (see ConstrainedModel)."""
+    """Return closed coordinates (n,) near a guess (see :meth:`Robot.assemble`)."""
     worst = np.full(1, np.inf)
     for free in _choices(robot, fixed):
         for start in _starts(guess, free):

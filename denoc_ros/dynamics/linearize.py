@@ -163,67 +163,8 @@ State = tuple[Array, Array, Array]
 REGULAR = 1e-6  # least singular value of a choice of coordinates that determines the others
 
 
-class Linearizable(SensorValues):
-    """Linear models of a robot about a state."""
-
-    def linearize(
-        self,
-        q: ArrayLike,
-        qd: ArrayLike | None = None,
-        tau: ArrayLike | None = None,
-        inputs: Sequence[str] | None = None,
-        outputs: Sequence[str] = ('joints', 'sensors'),
-        locked: Sequence[str] = (),
-        friction: bool = True,
-    ) -> LinearModel:
-        """Return the linear model about a state: an equilibrium, or an instant of a motion.
-
-        Parameters
-        ----------
-        q : (n,)
-            Closed, where there are loops and mimic joints.
-        qd : (n,), optional
-            Default zero.
-        tau : (n,), optional
-            Generalized forces that act at that state. Default those of the joints that hold
-            them: their accelerations are then zero, and where the amplitudes are not in
-            equilibrium theirs are what `qdd` of the model says.
-        inputs : names, optional
-            A joint or any other coordinate (a generalized force along it), or `wrench:<frame>`
-            (six: force and moment, base axes, at its origin). Default the joints, without those
-            that mimic.
-        outputs : names
-            `joints`, `rates` (of the joints), `states`, `sensors`, a coordinate, a sensor,
-            `deflection:<link>` (ux, uy, uz), `pose:<frame>` (position and small rotation, base
-            axes), `velocity:<frame>`, `acceleration:<frame>`.
-        locked : names of joints
-            They do not move, whatever acts.
-        friction : bool
-            False leaves out the slope of Coulomb friction, which at rest is that of a damper of
-            friction / 1e-3 rad/s: as for joints that are moving.
-
-        Returns
-        -------
-        LinearModel
-            Of x = [y; y'], y the coordinates that are left independent by locked joints, loops
-            and mimic joints, in their order.
-
-        Raises
-        ------
-        StateError
-            For a wrong shape, unknown names, or a state that opens a loop.
-
-        Notes
-        -----
-        Z^T (I dq'' + d(tau)/dq dq + d(tau)/dq' dq' - d(J^T lambda)/dq dq) = Z^T dtau with the
-        null space Z of the closure Jacobian, dq = Z y, and dq', dq'' as the rows of the loops
-        then say (docs/linear_models.md).
-        """
-        return _linearize(self, q, qd, tau, inputs, outputs, locked, friction)
-
-
-def _linearize(
-    robot: Linearizable,
+def linearize(
+    robot: SensorValues,
     q: ArrayLike,
     qd: ArrayLike | None,
     tau: ArrayLike | None,
@@ -232,6 +173,7 @@ def _linearize(
     locked: Sequence[str],
     friction: bool,
 ) -> LinearModel:
+    """Return the linear model about a state (see :meth:`Robot.linearize`)."""
     n = robot.n
     q = as_vector('q', q, (n,))
     qd = np.zeros(n) if qd is None else as_vector('qd', qd, (n,))
@@ -263,7 +205,7 @@ def _linearize(
 
 
 def _nominal(
-    robot: Linearizable, q: Array, qd: Array, tau: ArrayLike | None, locked: Int
+    robot: SensorValues, q: Array, qd: Array, tau: ArrayLike | None, locked: Int
 ) -> tuple[Array, Array, Array]:
     """Return forces, accelerations and multipliers at a state."""
     zero = np.zeros(robot.n)
@@ -281,7 +223,7 @@ def _nominal(
 
 
 def _forces(
-    robot: Linearizable, state: State, multipliers: Array, friction: bool
+    robot: SensorValues, state: State, multipliers: Array, friction: bool
 ) -> tuple[Array, Array, Array]:
     """Return the derivatives (n, n) by q and q' of I q'' + h - J^T lambda, and I.
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,26 +12,59 @@ from denoc_ros.dynamics import equilibrium
 from denoc_ros.dynamics import natural_modes as modes
 from denoc_ros.dynamics.base_motion import Base, on_base
 from denoc_ros.dynamics.batch import each_row
-from denoc_ros.dynamics.derivatives import DifferentiableModel
-from denoc_ros.dynamics.floating_base import FloatingBase
-from denoc_ros.dynamics.linearize import Linearizable
+from denoc_ros.dynamics.floating_base import ATTITUDE, wrap_attitude
+from denoc_ros.dynamics.linear_model import LinearModel
+from denoc_ros.dynamics.linearize import linearize as linear_model_about
 from denoc_ros.dynamics.parameter_columns import (
     DIAGONAL_TERMS,
     Column,
     find_columns,
     massless,
 )
-from denoc_ros.dynamics.tree_dynamics import TreeDynamics
-from denoc_ros.dynamics.validation import as_output, as_states, same_rows
+from denoc_ros.dynamics.rotations import left_jacobians, rotation_vectors, rotations
+from denoc_ros.dynamics.sensor_values import SensorValues
+from denoc_ros.dynamics.tree_dynamics import TreeDynamics, Wrenches
+from denoc_ros.dynamics.validation import as_output, as_states, as_vector, same_rows
+from denoc_ros.errors import StateError
 from denoc_ros.model.friction import slip
 from denoc_ros.model.urdf import load_tree
 from denoc_ros.types import Array
 
-Wrenches = Mapping[str, ArrayLike]
+
+def _write(
+    robot: TreeDynamics, columns: Iterable[Column], rows: Sequence[Array], out: Array
+) -> None:
+    """Write columns (k, n, parameters) at states (k, n)."""
+    q, qd, qdd = rows
+    factors = dict(zip(DIAGONAL_TERMS, (q, qd, slip(qd), qdd), strict=True))
+    bare: TreeDynamics | None = None
+    for index, column in enumerate(columns):
+        if column.term in factors:
+            np.multiply(factors[column.term], column.values, out=out[:, :, index])
+            continue
+        if bare is None:
+            bare = massless(robot)
+        constants = bare.constants[column.constants]
+        bare.constants[column.constants] = column.values
+        out[:, :, index] = bare.inverse_dynamics(q, qd, qdd)
+        bare.constants[column.constants] = constants
 
 
-class StaticsAndVibration(DifferentiableModel):
-    """Equilibria of a robot, and small vibrations about them."""
+class Robot(SensorValues):
+    """A robot with rigid and flexible links (see :func:`load_robot`).
+
+    States are vectors (n,) in the order of `coordinate_names`; every verb also takes rows (k, n)
+    and then returns (k, …), rows in parallel. `out=` takes the result where no allocation is
+    wanted, `check=False` skips the test that arguments are finite. A robot holds one workspace and
+    so is not to be used by two threads at once: give each its own :meth:`copy`.
+
+    Attributes as in :class:`RobotModel`. Dynamics: :class:`TreeDynamics`, and its derivatives:
+    :class:`DifferentiableModel`. Frames, deflections, sensors: :class:`SensorValues`.
+
+    A base on a floating joint has the coordinates `base_indices`: position of the link's frame [m]
+    and rotation vector of its attitude [rad], in the joint's frame; nothing drives them. The verbs
+    of the base raise StateError where it is fixed.
+    """
 
     def static_deflection(
         self,
@@ -84,10 +117,6 @@ class StaticsAndVibration(DifferentiableModel):
         q = as_states('q', q, self.n)
         found = each_row(lambda row: tuple(modes.natural_modes(self, row, held)), q)
         return modes.NaturalModes(*found)
-
-
-class TorqueRegressor(TreeDynamics):
-    """Torque regressor: derivatives of inverse dynamics by parameters in which they are linear."""
 
     def torque_regressor(
         self,
@@ -147,40 +176,153 @@ class TorqueRegressor(TreeDynamics):
         _write(self, columns, rows, result.reshape(k, *shape))
         return result
 
+    def linearize(
+        self,
+        q: ArrayLike,
+        qd: ArrayLike | None = None,
+        tau: ArrayLike | None = None,
+        inputs: Sequence[str] | None = None,
+        outputs: Sequence[str] = ('joints', 'sensors'),
+        locked: Sequence[str] = (),
+        friction: bool = True,
+    ) -> LinearModel:
+        """Return the linear model about a state: an equilibrium, or an instant of a motion.
 
-def _write(
-    robot: TreeDynamics, columns: Iterable[Column], rows: Sequence[Array], out: Array
-) -> None:
-    """Write columns (k, n, parameters) at states (k, n)."""
-    q, qd, qdd = rows
-    factors = dict(zip(DIAGONAL_TERMS, (q, qd, slip(qd), qdd), strict=True))
-    bare: TreeDynamics | None = None
-    for index, column in enumerate(columns):
-        if column.term in factors:
-            np.multiply(factors[column.term], column.values, out=out[:, :, index])
-            continue
-        if bare is None:
-            bare = massless(robot)
-        constants = bare.constants[column.constants]
-        bare.constants[column.constants] = column.values
-        out[:, :, index] = bare.inverse_dynamics(q, qd, qdd)
-        bare.constants[column.constants] = constants
+        Parameters
+        ----------
+        q : (n,)
+            Closed, where there are loops and mimic joints.
+        qd : (n,), optional
+            Default zero.
+        tau : (n,), optional
+            Generalized forces that act at that state. Default those of the joints that hold
+            them: their accelerations are then zero, and where the amplitudes are not in
+            equilibrium theirs are what `qdd` of the model says.
+        inputs : names, optional
+            A joint or any other coordinate (a generalized force along it), or `wrench:<frame>`
+            (six: force and moment, base axes, at its origin). Default the joints, without those
+            that mimic.
+        outputs : names
+            `joints`, `rates` (of the joints), `states`, `sensors`, a coordinate, a sensor,
+            `deflection:<link>` (ux, uy, uz), `pose:<frame>` (position and small rotation, base
+            axes), `velocity:<frame>`, `acceleration:<frame>`.
+        locked : names of joints
+            They do not move, whatever acts.
+        friction : bool
+            False leaves out the slope of Coulomb friction, which at rest is that of a damper of
+            friction / 1e-3 rad/s: as for joints that are moving.
 
+        Returns
+        -------
+        LinearModel
+            Of x = [y; y'], y the coordinates that are left independent by locked joints, loops
+            and mimic joints, in their order.
 
-class Robot(Linearizable, TorqueRegressor, StaticsAndVibration, FloatingBase):
-    """A robot with rigid and flexible links (see :func:`load_robot`).
+        Raises
+        ------
+        StateError
+            For a wrong shape, unknown names, or a state that opens a loop.
 
-    States are vectors (n,) in the order of `coordinate_names`; every verb also takes rows (k, n)
-    and then returns (k, …), rows in parallel. `out=` takes the result where no allocation is
-    wanted, `check=False` skips the test that arguments are finite. A robot holds one workspace and
-    so is not to be used by two threads at once: give each its own :meth:`copy`.
+        Notes
+        -----
+        Z^T (I dq'' + d(tau)/dq dq + d(tau)/dq' dq' - d(J^T lambda)/dq dq) = Z^T dtau with the
+        null space Z of the closure Jacobian, dq = Z y, and dq', dq'' as the rows of the loops
+        then say (docs/linear_models.md).
+        """
+        return linear_model_about(self, q, qd, tau, inputs, outputs, locked, friction)
 
-    The open tree: :class:`TreeDynamics`. Loops and mimic joints: :class:`ConstrainedModel`.
-    Derivatives of the dynamics: :class:`DifferentiableModel`, with loops
-    :class:`DifferentiableMechanism`; of kinematics: :class:`KinematicDerivatives`; by parameters:
-    :class:`TorqueRegressor`. Linear models: :class:`Linearizable`. Attributes as in
-    :class:`RobotModel`.
-    """
+    def wrap_base(self, q: ArrayLike, qd: ArrayLike) -> tuple[Array, Array]:
+        """Return the same states (n,) or (k, n) with rotation vectors within pi of zero.
+
+        Between |phi| = pi and 2 pi the equations hold as well, at 2 pi rates become singular:
+        `dn.simulate` and the nodes bring states back in time, and so must a loop of your own.
+        """
+        states = [as_states('q', q, self.n).copy(), as_states('qd', qd, self.n).copy()]
+        self._require_base()
+        single = all(state.ndim == 1 for state in states)
+        positions, rates = same_rows(states)
+        index = self.base_indices[ATTITUDE]
+        for row, rate in zip(positions, rates, strict=True):
+            row[index], rate[index] = wrap_attitude(row[index], rate[index])
+        return (positions[0], rates[0]) if single else (positions, rates)
+
+    def base_coordinates(
+        self, pose: ArrayLike, twist: ArrayLike | None = None
+    ) -> tuple[Array, Array]:
+        """Return coordinates and rates (6,) of the base at a pose and a twist.
+
+        Parameters
+        ----------
+        pose : (4, 4)
+            Of the base link in the URDF's root frame, as `frame_pose` gives it.
+        twist : (6,), optional
+            Velocity of its origin and angular velocity in the root frame's axes, as
+            `frame_motion` gives them; default zero.
+
+        Returns
+        -------
+        q, qd : (6,)
+            What stands at `base_indices` of a state.
+        """
+        placement = self._require_base()
+        wanted = as_vector('pose', pose, (4, 4))
+        motion = np.zeros(6) if twist is None else as_vector('twist', twist, (6,))
+        turn = placement[:3, :3]
+        phi = rotation_vectors(turn.T @ wanted[:3, :3])
+        rate = np.linalg.solve(left_jacobians(phi), turn.T @ motion[3:])
+        position = turn.T @ (wanted[:3, 3] - placement[:3, 3])
+        return np.append(position, phi), np.append(turn.T @ motion[:3], rate)
+
+    def base_odometry(self, q: ArrayLike, qd: ArrayLike) -> tuple[Array, Array]:
+        """Return pose (4, 4) and twist (6,) of the base, as an Odometry message has them.
+
+        Parameters
+        ----------
+        q, qd : (n,)
+
+        Returns
+        -------
+        pose : (4, 4)
+            Of the base link in the URDF's root frame.
+        twist : (6,) [m/s, rad/s]
+            Velocity of its origin and angular velocity, along its own axes.
+        """
+        placement = self._require_base()
+        state, rate = as_vector('q', q, (self.n,)), as_vector('qd', qd, (self.n,))
+        index = self.base_indices
+        phi, turning = state[index[ATTITUDE]], rate[index[ATTITUDE]]
+        pose, turn = np.eye(4), rotations(phi)
+        pose[:3, :3] = placement[:3, :3] @ turn
+        pose[:3, 3] = placement[:3, :3] @ state[index[:3]] + placement[:3, 3]
+        return pose, np.append(rate[index[:3]] @ turn, left_jacobians(phi) @ turning @ turn)
+
+    def base_wrench(self, q: ArrayLike, tau: ArrayLike) -> Array:
+        """Return the wrench (6,) on the base link that equals generalized forces (n,).
+
+        Parameters
+        ----------
+        q, tau : (n,)
+            As `inverse_dynamics` takes and gives them.
+
+        Returns
+        -------
+        (6,) [N, N m]
+            Force, and torque about the base link's origin, in the root frame's axes: what
+            thrusters and wheels must give.
+        """
+        turn = self._require_base()[:3, :3]
+        state, force = as_vector('q', q, (self.n,)), as_vector('tau', tau, (self.n,))
+        index = self.base_indices
+        turning = left_jacobians(state[index[ATTITUDE]]).T
+        torque = np.linalg.solve(turning, force[index[ATTITUDE]])
+        return np.append(turn @ force[index[:3]], turn @ torque)
+
+    def _require_base(self) -> Array:
+        """Return the placement (4, 4) of the floating joint's frame in the root frame."""
+        for body in self.tree.bodies:
+            if body.floating:
+                return body.attachment.placement
+        raise StateError(f'{self.tree.name}: must have a floating joint, got a fixed base')
 
 
 def load_robot(

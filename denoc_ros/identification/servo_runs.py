@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +22,7 @@ from denoc_ros.identification.channel import Channel
 from denoc_ros.identification.modes import worst
 from denoc_ros.identification.servo import Run, ServoFit, fit_servo_runs
 from denoc_ros.output_files import Document, plain
+from denoc_ros.settings import setting
 from denoc_ros.trajectories import SplineTrajectory
 from denoc_ros.types import Array
 
@@ -33,10 +34,12 @@ class ServoOptions:
     """Where the commanded and measured positions of joints are."""
 
     channel: Channel  # topic of the measured joint states; stamps, times of a table, window
-    commanded: str  # topic of the commands
+    commanded: str = setting(
+        '/reference', 'topic of the commands: JointTrajectory, whole or streamed, or JointState'
+    )
     # of a table, by `joint.command` or `joint.position`, whatever they are called
-    columns: Mapping[str, str]
-    joints: Sequence[str]  # those to identify; none: all commanded ones
+    columns: Mapping[str, str] = field(default_factory=dict)
+    joints: Sequence[str] = ()  # those to identify; none: all commanded ones
 
     def chosen(self, names: Sequence[str], where: str) -> list[str]:
         """Return the joints to identify of those that a recording has; ConfigError for others."""

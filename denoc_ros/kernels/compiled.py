@@ -8,13 +8,34 @@ from itertools import chain
 from typing import Any
 
 import numba
-from llvmlite.binding import add_symbol
+from llvmlite.binding import Linkage, add_symbol
 from numba import njit, types
+from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler
 
 from denoc_ros.kernels import CHECKED
 from denoc_ros.kernels.cache import keep
 from denoc_ros.kernels.compiling import compile_in_turn
+
+
+class OwnFunctions(JITCodeLibrary):  # type: ignore[misc]
+    """Machine code that calls its own copies of the functions that were compiled into it.
+
+    Numba leaves these copies weak: of all that have one name, a process runs the one it has loaded
+    first. Another kernel's may sum in another order, so that results would depend on what was
+    loaded before.
+    """
+
+    def _finalize_final_module(self) -> None:
+        """Make machine code of the optimized module, whose copies are its own meanwhile."""
+        weak = Linkage.linkonce_odr
+        functions = self._final_module.functions
+        copies = [each for each in functions if each.linkage == weak and not each.is_declaration]
+        for each in copies:
+            each.linkage = Linkage.internal
+        super()._finalize_final_module()
+        for each in copies:  # for the functions that link this module
+            each.linkage = weak
 
 
 class LongLoops(Compiler):  # type: ignore[misc]
@@ -29,6 +50,8 @@ class LongLoops(Compiler):  # type: ignore[misc]
         """Compile a function; those that it calls come in between, with their own setting."""
         before = numba.config.LOOP_VECTORIZE
         numba.config.LOOP_VECTORIZE = self.vectorizes
+        self.state.library = OwnFunctions(self.state.targetctx.codegen(), func.__qualname__)
+        self.state.library.enable_object_caching()
         try:
             return super().compile_extra(func)
         finally:

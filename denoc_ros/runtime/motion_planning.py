@@ -11,6 +11,7 @@ import numpy as np
 from denoc_ros.control.driven_joints import DrivenJoints
 from denoc_ros.control.gain_jobs import KNOTS
 from denoc_ros.control.joint_limits import joint_limits
+from denoc_ros.control.limit_rows import JOINTS
 from denoc_ros.control.mode_table import ModeTable, read_mode_table
 from denoc_ros.control.ringing import require_flexible
 from denoc_ros.control.servo import joint_servo
@@ -27,7 +28,6 @@ from denoc_ros.types import Array
 LOADING = 300.0  # s: a cold kernel cache compiles on a slow machine
 LOOK = 0.01  # s between looks for an answer that is waited for
 FASTEST = ('tip', 'rest_to_rest')
-LIMITS = ('velocity', 'acceleration', 'jerk', 'effort', 'effort_rate')
 
 
 class MotionPlanning:
@@ -204,7 +204,7 @@ def check_planning(
 def given_limits(settings: Settings, joints: Sequence[str]) -> dict[str, dict[str, float] | float]:
     """Return the limits that are given: one number for all joints, or each joint's."""
     found: dict[str, dict[str, float] | float] = {}
-    for what in LIMITS:
+    for what in JOINTS:
         values = settings.numbers(f'limits.{what}')
         if len(values) == 1:
             found[what] = values[0]

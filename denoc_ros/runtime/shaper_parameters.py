@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from denoc_ros.control import impulses
+from denoc_ros.control.limit_rows import JOINTS
 from denoc_ros.runtime.parameters import ParameterTable
 from denoc_ros.runtime.shared_parameters import (
     lifecycle_parameters,
@@ -106,18 +107,13 @@ TABLE = ParameterTable(
             parameter(
                 f'limits.{what}',
                 Kind.DOUBLES,
-                f'largest {what}, one or one per driven joint; empty: {none}',
+                f'largest {what}, one or one per driven joint; empty: '
+                + ("the URDF's" if what in ('velocity', 'effort') else 'no limit'),
                 unit,
                 positive=True,
                 live=True,
             )
-            for what, unit, none in (
-                ('velocity', 'rad/s, m/s', "the URDF's"),
-                ('acceleration', 'rad/s^2, m/s^2', 'no limit'),
-                ('jerk', 'rad/s^3, m/s^3', 'no limit'),
-                ('effort', 'N m, N', "the URDF's"),
-                ('effort_rate', 'N m/s, N/s', 'no limit'),
-            )
+            for what, unit in JOINTS.items()
         ),
         parameter(
             'servo.bandwidth',

@@ -14,6 +14,7 @@ from PIL import Image
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import ConfigError, DenocError
 from denoc_ros.output_files import whole_file
+from denoc_ros.settings import declared_findings, documented, setting
 from denoc_ros.types import Array
 from denoc_ros.viewer.picture import ComparisonPicture, Picture, stated, strip
 from denoc_ros.viewer.recorded import RecordedRun
@@ -32,6 +33,7 @@ SIDES = (160, 4096)  # pixels
 NO_ENCODER = 'mp4 needs imageio-ffmpeg ({}): pip install "denoc_ros[viewer]", or write a .gif'
 
 
+@documented
 @dataclass(frozen=True)
 class Look:
     """How pictures look.
@@ -42,10 +44,14 @@ class Look:
         With every value that is out of range.
     """
 
-    scale: float = 0.0  # what deflections are drawn larger by; 0: chosen so that they are seen
-    # {'auto', 'side', 'top', 'front', 'iso'}; from where; auto: onto the plane of a motion that
-    # stays in one, else iso
-    view: str = AUTO
+    scale: float = setting(
+        0.0, 'factor that enlarges deflections; 0: chosen so that they are seen', '', 0.0,
+        finite=True,
+    )  # fmt: skip
+    view: str = setting(
+        AUTO, 'direction of view; auto: onto the plane of a motion that stays in one, else iso',
+        choices=(AUTO, *VIEWS),
+    )  # fmt: skip
     size: tuple[int, int] = (1280, 720)  # width and height [pixels], even
     title: str = ''  # above the picture; '': the robot's name
     folder: Path | None = None  # where relative names of mesh files start
@@ -53,11 +59,7 @@ class Look:
     phases: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        findings = []
-        if not 0.0 <= self.scale < float('inf'):
-            findings.append(f'scale must be >= 0 (0: chosen), got {self.scale}')
-        if self.view != AUTO and self.view not in VIEWS:
-            findings.append(f'view must be {AUTO} or one of {", ".join(VIEWS)}, got {self.view!r}')
+        findings = declared_findings(self)
         if not all(SIDES[0] <= side <= SIDES[1] and side % 2 == 0 for side in self.size):
             findings.append(
                 f'size must be even numbers of {SIDES[0]} to {SIDES[1]} pixels, '

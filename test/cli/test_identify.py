@@ -106,7 +106,7 @@ def test_exit_status_is_that_of_the_modes_asked_for(
     errors = capsys.readouterr().err
     assert "--band must be LO:HI in Hz, got '3'" in errors
     assert '--band must have 0 <= LO < HI, got 5:2' in errors
-    assert '--modes must be at least 1, got 0' in errors
+    assert '--modes must be >= 1, got 0' in errors
 
 
 def test_apply_says_how_doubtful_modes_are_taken(

@@ -87,7 +87,7 @@ def test_a_run_s_directory_says_its_name_and_gravity(
         (['--strip', 'run.png', '--from', '9'], r'run must have moments from 9 to inf s'),
         (['--strip', 'run.png', '--from', '2', '--to', '1'], r'--to: it must be beyond --from'),
         (['--strip', 'run.png', '--source', 'replay'], r'bag must have replay/modal_state'),
-        (['--strip', 'run.png', '--scale', '0.5'], r'--scale must be 1 to 100'),
+        (['--strip', 'run.png', '--scale', '0.5'], r'--scale must be >= 1, <= 100'),
         (['--video', 'run.gif', '--fps', '0'], r'fps must be > 0'),
         (['--video', 'none/run.gif', '--size', '160x160', '--to', '0.1'], r'No such file'),
     ],

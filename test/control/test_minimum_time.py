@@ -96,8 +96,8 @@ REST_TO_REST = cycloid(np.array([0.3, 0.6]), np.array([0.8, 1.0]), 10.0)(TIMES)
         ({'effort': 0.0}, 'effort must be > 0, got'),
         ({'effort': np.nan}, 'effort must be > 0, got'),
         ({'effort': 'much'}, "effort must have one element, .* got 'much'"),
-        ({'power': np.nan}, 'power must be a number > 0, got nan'),
-        ({'margin': np.nan}, 'margin must be >= 0 and < 1, got nan'),
+        ({'power': np.nan}, 'power must be a number > 0 W, got nan'),
+        ({'margin': np.nan}, 'margin must be a number >= 0 and < 1, got nan'),
         ({'strain': 1e-3}, r'strain .* must come with a <section>'),
         ({'effort': 1e-3}, r'times that of effort joint_1 in .* that stretch 10 allows'),
         (

@@ -182,7 +182,7 @@ def test_points_between_are_waypoints_where_there_is_a_radius() -> None:
         ({'effort': 0.0}, StateError, 'effort must be > 0, got'),
         ({'effort': np.nan}, StateError, 'effort must be > 0, got'),
         ({'moment': 0.0}, StateError, 'moment must be a number > 0, got 0.0'),
-        ({'tip_speed': np.nan}, StateError, 'tip_speed must be a number > 0, got nan'),
+        ({'tip_speed': np.nan}, StateError, 'tip_speed must be a number > 0 m/s, got nan'),
         ({'margin': 1.0}, StateError, 'margin must be >= 0 and < 1, got 1.0'),
         ({'uncertainty': 1.0}, StateError, 'uncertainty must be >= 0 and < 1, got 1.0'),
         ({'duration': 1.0}, StateError, "duration must not come with time='minimum'"),

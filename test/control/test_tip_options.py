@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from typing import Any
 
@@ -212,12 +213,23 @@ def test_a_rigid_robot_does_what_it_is_asked() -> None:
 
 
 @pytest.mark.parametrize(
-    ('option', 'value'),
-    [('turn', -1.0), ('draw', 0.0), ('step', np.nan), ('stretch', 0.5), ('preaction', 'long')],
+    ('option', 'value', 'rule'),
+    [
+        ('turn', -1.0, '>= 0 m, got -1.0'),
+        ('draw', 0.0, '> 0 m, got 0.0'),
+        ('step', np.nan, 'a number > 0 s, got nan'),
+        ('stretch', 0.5, '>= 1, got 0.5'),
+        ('preaction', 'long', "a double s, got 'long'"),
+        ('weights', [0.0], '> 0, got 0.0'),
+        ('robustness', 0.1, None),
+    ],
 )
-def test_bad_options_are_refused(canadarm: dn.Robot, option: str, value: Any) -> None:
+def test_bad_options_are_refused(
+    canadarm: dn.Robot, option: str, value: Any, rule: str | None
+) -> None:
     given: dict[str, Any] = {option: value}
-    with pytest.raises(dn.StateError, match=f'{option} must be a number'):
+    message = f'shape_motion: {option} must be {rule}' if rule else "options of 'tip' must be of"
+    with pytest.raises(dn.StateError, match=re.escape(message)):
         dn.shape_motion(canadarm, TIMES, CANADARM(TIMES), **given)
 
 

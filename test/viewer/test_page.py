@@ -215,7 +215,7 @@ def test_view_serves_until_interrupted(repository: Path, tmp_path: Path) -> None
     ('arguments', 'message'),
     [
         (['gone.urdf'], 'gone.urdf'),
-        (['--scale', '0'], '--scale must be 1 to 100'),
+        (['--scale', '0'], '--scale must be >= 1, <= 100'),
         (['--host', 'not a host'], 'host and port must be'),
     ],
 )

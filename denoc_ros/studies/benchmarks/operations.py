@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 import denoc_ros.kernels
 from denoc_ros.dynamics.robot import Robot
-from denoc_ros.kernels.compiled import APART, kernel, ready
+from denoc_ros.kernels.compiled import APART, inlined, kernel, ready
 from denoc_ros.kernels.handle import DIAGONALS, GOOD
 from denoc_ros.types import Array
 
@@ -261,55 +261,25 @@ CHAINS = 8  # independent numbers in a loop, enough to fill the pipelines
 REPEATS = 300
 
 
-@kernel('float64(int64, float64, float64)')
-def fused(turns: int, a: float, b: float) -> float:
-    """Turn eight independent numbers by x a + b; one fused operation each."""
-    s, t, u, v = b, 2.0 * b, 3.0 * b, 4.0 * b
-    w, x, y, z = 5.0 * b, 6.0 * b, 7.0 * b, 8.0 * b
-    for _ in range(turns):
-        s = s * a + b
-        t = t * a + b
-        u = u * a + b
-        v = v * a + b
-        w = w * a + b
-        x = x * a + b
-        y = y * a + b
-        z = z * a + b
-    return s + t + u + v + w + x + y + z
+def eight(step: Callable[[float, float, float], float]) -> Any:
+    """Return a kernel that does a step of x, a and b in turn on eight independent numbers x."""
+    inner = inlined(step)
+
+    @kernel('float64(int64, float64, float64)')
+    def turn(turns: int, a: float, b: float) -> float:
+        s, t, u, v = b, 2.0 * b, 3.0 * b, 4.0 * b
+        w, x, y, z = 5.0 * b, 6.0 * b, 7.0 * b, 8.0 * b
+        for _ in range(turns):
+            s, t, u, v = inner(s, a, b), inner(t, a, b), inner(u, a, b), inner(v, a, b)
+            w, x, y, z = inner(w, a, b), inner(x, a, b), inner(y, a, b), inner(z, a, b)
+        return s + t + u + v + w + x + y + z
+
+    return turn
 
 
-@kernel('float64(int64, float64, float64)')
-def divided(turns: int, a: float, b: float) -> float:
-    """Divide eight independent numbers."""
-    s, t, u, v = b, 2.0 * b, 3.0 * b, 4.0 * b
-    w, x, y, z = 5.0 * b, 6.0 * b, 7.0 * b, 8.0 * b
-    for _ in range(turns):
-        s = a / s
-        t = a / t
-        u = a / u
-        v = a / v
-        w = a / w
-        x = a / x
-        y = a / y
-        z = a / z
-    return s + t + u + v + w + x + y + z
-
-
-@kernel('float64(int64, float64, float64)')
-def rooted(turns: int, a: float, b: float) -> float:
-    """Take the roots of eight independent numbers."""
-    s, t, u, v = b, 2.0 * b, 3.0 * b, 4.0 * b
-    w, x, y, z = 5.0 * b, 6.0 * b, 7.0 * b, 8.0 * b
-    for _ in range(turns):
-        s = np.sqrt(s)
-        t = np.sqrt(t)
-        u = np.sqrt(u)
-        v = np.sqrt(v)
-        w = np.sqrt(w)
-        x = np.sqrt(x)
-        y = np.sqrt(y)
-        z = np.sqrt(z)
-    return s + t + u + v + w + x + y + z + a
+fused = eight(lambda x, a, b: x * a + b)
+divided = eight(lambda x, a, b: a / x)
+rooted = eight(lambda x, a, b: np.sqrt(x))
 
 
 @kernel('float64(int64, float64, float64)')
