@@ -51,6 +51,8 @@ PACED = {'velocity', 'acceleration', 'jerk', 'effort', 'effort_rate', 'strain', 
 IN_TIME = {'jerk', 'effort_rate', 'tip_speed', 'tip_acceleration'}
 EXACT = 1e-7  # of the tip's distance: errors that are as small as may be
 STRAYED = 3.0  # times those of a motion found from the asked one: steps went astray
+# times the window that the zeros need: a sharp start shows where a motion before it is cut off
+AROUND = 1.5
 ROOM = 1.3  # times the window needed before and after, which shrinks with the motion
 
 
@@ -440,7 +442,8 @@ def fastest(grids: TipGrids, asked: AskedMotion, rows: LimitRows) -> Plan:
             f'{robot.tree.name}: minimum time needs a limit of velocity, acceleration, effort, '
             'strain or such, got none'
         )
-    own = TipGrids(robot, grids.frames, grids.driven, replace(options, progress=None, cancel=None))
+    quiet = replace(options, progress=None, cancel=None)
+    own = TipGrids(robot, grids.frames, grids.driven, quiet, AROUND)
     some: Array = asked.coordinates(np.linspace(0.0, asked.duration, FEWEST + 1))
     if not float(np.ptp(some, axis=0).max()) > STANDS:
         raise StateError('shape_motion: q_joints must move for minimum time, got one posture')
