@@ -110,8 +110,8 @@ class TipGrids:
         self.report = _reporter(options)
         self._turn: float | None = None
 
-    def solve(self, asked: Motion, nodes: int = NODES, halvings: int = HALVINGS) -> TipGrid:
-        """Return the motion; its grid is halved where the equations do not hold between nodes."""
+    def solve(self, asked: Motion, nodes: int = NODES, refine: bool = True) -> TipGrid:
+        """Return the motion, its grid `refined` or as it is."""
         duration = asked.duration
         usual = min(duration / nodes, LONGEST_STEP)
         step = self.options.step or usual
@@ -126,10 +126,15 @@ class TipGrids:
         guess = _guess(problem, ends, np.clip(times / duration, 0.0, 1.0))
         solved = solve_motion(problem, guess, step, _size(problem), self.report)
         grid = TipGrid(problem, solved, times, ends)
-        for _ in range(0 if self.options.step else halvings):
-            if _between(grid) <= GRID_ERROR * _size(problem):
+        return self.refined(grid, asked) if refine else grid
+
+    def refined(self, grid: TipGrid, asked: Motion) -> TipGrid:
+        """Return the motion on a grid that is halved where the equations do not hold between."""
+        usual, first = min(asked.duration / NODES, LONGEST_STEP), float(grid.nodes[0])
+        for _ in range(0 if self.options.step else HALVINGS):
+            if _between(grid) <= GRID_ERROR * _size(grid.problem):
                 break
-            finer = times[0] + 0.5 * grid.step * np.arange(2 * len(grid.nodes) - 1)
+            finer = first + 0.5 * grid.step * np.arange(2 * len(grid.nodes) - 1)
             try:
                 better = self.problem(asked, finer, 2.0 * usual / grid.step)
                 guess = _halved(grid)
@@ -138,7 +143,7 @@ class TipGrids:
                 raise
             except SolverError:
                 break  # what was found on the coarser grid is good, and says what it leaves
-            grid = TipGrid(better, solved, finer, ends)
+            grid = TipGrid(better, solved, finer, grid.ends)
         return grid
 
     def _window(
