@@ -134,7 +134,7 @@ class TipGrids:
         for _ in range(0 if self.options.step else HALVINGS):
             if _between(grid) <= GRID_ERROR * _size(grid.problem):
                 break
-            finer = first + 0.5 * grid.step * np.arange(2 * len(grid.nodes) - 1)
+            finer: Array = first + 0.5 * grid.step * np.arange(2.0 * len(grid.nodes) - 1.0)
             try:
                 better = self.problem(asked, finer, 2.0 * usual / grid.step)
                 guess = _halved(grid)

@@ -66,11 +66,14 @@ def test_torques_of_all_ticks_keep_the_limits_and_leave_the_arm_at_rest(
     period, motion = 2e-3, motion_of(plan, canadarm.joint_names)
     feedforward, arm = TorqueFeedforward(canadarm.copy()), canadarm.copy()
     stepper, ticks = dn.Stepper(arm, 0.5 * period), int((motion.duration + 2.0) / period)
-    wanted, torque = np.zeros((3, 3)), np.zeros((ticks, arm.n))
+    wanted, rate, acceleration = np.zeros((3, 3))
+    torque = np.zeros((ticks, arm.n))
     q, qd = plan.q[0].copy(), np.zeros(arm.n)
     for k, tau in enumerate(torque):
-        motion.sample((k + 0.5) * period, *wanted)
-        tau[arm.joint_indices] = feedforward.update(*wanted, period if k else 0.0)
+        motion.sample((k + 0.5) * period, wanted, rate, acceleration)
+        tau[arm.joint_indices] = feedforward.update(
+            wanted, rate, acceleration, period if k else 0.0
+        )
         for _ in range(2):
             stepper.free(q, qd, tau)
     most = np.abs(torque[:, arm.joint_indices]).max(axis=0)

@@ -153,7 +153,7 @@ def test_the_first_torque_gives_the_arm_its_momentum_about_the_first_axis(terms:
     for k, time in enumerate(times):
         swing = np.array([1.0 - np.cos(pace * time), np.sin(pace * time), np.cos(pace * time)])
         motion = 1e-3 * swing * pace ** np.arange(3)[:, None]
-        torque[k] = feedforward.update(*motion, step if k else 0.0)[0]
+        torque[k] = feedforward.update(motion[0], motion[1], motion[2], step if k else 0.0)[0]
         momentum[k] = robot.inertia_matrix(feedforward.q)[0] @ feedforward.qd
     impulse = cumulative_simpson(torque, dx=step, initial=0.0)
     assert np.abs(momentum - impulse).max() < 1e-5 * np.abs(momentum).max()
