@@ -92,17 +92,25 @@ class TipGrids:
     frames : sequence of str
     driven : int array
     options : TipOptions
+    room : float
+        Times the time before and after that the robot's zeros need.
     """
 
     def __init__(
-        self, robot: Robot, frames: Sequence[str], driven: Int, options: TipOptions
+        self,
+        robot: Robot,
+        frames: Sequence[str],
+        driven: Int,
+        options: TipOptions,
+        room: float = 1.0,
     ) -> None:
         self.robot, self.frames, self.driven, self.options = robot, frames, driven, options
+        self._room = room
         self.report = _reporter(options)
         self._turn: float | None = None
 
-    def solve(self, asked: Motion, nodes: int = NODES, halvings: int = HALVINGS) -> TipGrid:
-        """Return the motion; its grid is halved where the equations do not hold between nodes."""
+    def solve(self, asked: Motion, nodes: int = NODES, refine: bool = True) -> TipGrid:
+        """Return the motion, its grid `refined` or as it is."""
         duration = asked.duration
         usual = min(duration / nodes, LONGEST_STEP)
         step = self.options.step or usual
@@ -110,17 +118,22 @@ class TipGrids:
         some: Array = np.linspace(0.0, duration, 9)
         rough = self.problem(asked, some, 1.0)
         ends = [rest_posture(rough, k, _start(self.robot, rough.asked[k])) for k in (0, -1)]
-        before, after = _window(rough, ends, duration, self.options)
+        before, after = self._window(rough, ends, duration)
         first, last = -math.ceil(before / step), round(duration / step) + math.ceil(after / step)
         times: Array = step * np.arange(first, last + 1, dtype=np.float64)
         problem = self.problem(asked, times, usual / step)
         guess = _guess(problem, ends, np.clip(times / duration, 0.0, 1.0))
         solved = solve_motion(problem, guess, step, _size(problem), self.report)
         grid = TipGrid(problem, solved, times, ends)
-        for _ in range(0 if self.options.step else halvings):
-            if _between(grid) <= GRID_ERROR * _size(problem):
+        return self.refined(grid, asked) if refine else grid
+
+    def refined(self, grid: TipGrid, asked: Motion) -> TipGrid:
+        """Return the motion on a grid that is halved where the equations do not hold between."""
+        usual, first = min(asked.duration / NODES, LONGEST_STEP), float(grid.nodes[0])
+        for _ in range(0 if self.options.step else HALVINGS):
+            if _between(grid) <= GRID_ERROR * _size(grid.problem):
                 break
-            finer = times[0] + 0.5 * grid.step * np.arange(2 * len(grid.nodes) - 1)
+            finer: Array = first + 0.5 * grid.step * np.arange(2.0 * len(grid.nodes) - 1.0)
             try:
                 better = self.problem(asked, finer, 2.0 * usual / grid.step)
                 guess = _halved(grid)
@@ -129,8 +142,18 @@ class TipGrids:
                 raise
             except SolverError:
                 break  # what was found on the coarser grid is good, and says what it leaves
-            grid = TipGrid(better, solved, finer, ends)
+            grid = TipGrid(better, solved, finer, grid.ends)
         return grid
+
+    def _window(
+        self, problem: TipProblem, ends: list[Rest], duration: float
+    ) -> tuple[float, float]:
+        """Return how long the joints may move before and after the motion [s]."""
+        needed = np.max([settling_times(problem, q) for q, _ in ends], axis=0)
+        given = self.options.preaction, self.options.postaction
+        pairs = zip((self._room * needed).tolist(), given, strict=True)
+        before, after = (need if own is None else own for need, own in pairs)
+        return min(before, duration), min(after, duration)
 
     def near(self, asked: Motion, times: Array, guess: Rest | None, ends: list[Rest]) -> TipGrid:
         """Return the motion on a grid (k,), from coordinates and multipliers or the asked one."""
@@ -256,16 +279,6 @@ def _share(robot: Robot, driven: Int, options: TipOptions) -> float:
 
 def _size(problem: TipProblem) -> float:
     return max(float(np.abs(t.poses[:, :3, 3]).max()) for t in problem.targets)
-
-
-def _window(
-    problem: TipProblem, ends: list[Rest], duration: float, options: TipOptions
-) -> tuple[float, float]:
-    """Return how long the joints may move before and after the motion [s]."""
-    needed = [settling_times(problem, q) for q, _ in ends]
-    before = max(need[0] for need in needed) if options.preaction is None else options.preaction
-    after = max(need[1] for need in needed) if options.postaction is None else options.postaction
-    return min(before, duration), min(after, duration)
 
 
 def _guess(problem: TipProblem, ends: list[Rest], share: Array) -> Rest:

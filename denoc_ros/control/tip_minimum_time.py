@@ -51,7 +51,11 @@ PACED = {'velocity', 'acceleration', 'jerk', 'effort', 'effort_rate', 'strain', 
 IN_TIME = {'jerk', 'effort_rate', 'tip_speed', 'tip_acceleration'}
 EXACT = 1e-7  # of the tip's distance: errors that are as small as may be
 STRAYED = 3.0  # times those of a motion found from the asked one: steps went astray
-ROOM = 1.3  # times the window needed before and after, which shrinks with the motion
+# times the window that the zeros need: a sharp start shows where a motion before it is cut off
+AROUND = 1.5
+ROOM = 1.3  # times the window in which a motion moves, which changes with the motion
+NEARLY = 0.9  # of it, that is enough
+QUIET = 1e-6  # of a motion's largest acceleration: what is left of it where its window ends
 
 
 @dataclass(frozen=True)
@@ -96,8 +100,8 @@ class TipMinimumTime:
     ) -> None:
         self._grids, self._asked, self._basis, self._rows = grids, asked, basis, rows
         self.names, self.length = rows.names, float(basis.stations[-1])
-        self._window, self._error = (0.0, 0.0), 0.0
-        self._begun: TimedTip | None = None
+        self._longest, self._error = (0.0, 0.0), 0.0
+        self._known: TimedTip | None = None  # that a search may begin with
         self._near: TimedTip | None = None  # that has the changes
         self._changes: tuple[Array, Array] = (np.zeros(0), np.zeros(0))
 
@@ -125,15 +129,15 @@ class TipMinimumTime:
 
     def solve(self, coefficients: Array, near: tuple[TimedTip, Array] | None) -> TimedTip:
         """Return the motion with coefficients (p,)."""
-        if self._begun is not None and coefficients is self._begun.coefficients:
-            return self._begun
+        if self._known is not None and coefficients is self._known.coefficients:
+            return self._timed(self._known.timing, self._known.asked, self._known.grid)
         timing = Timing(self._basis, coefficients)
         require_in_time(timing, self._asked, self._grids.options)
         asked = RetimedMotion(self._asked, timing)
         if near is None:
-            grid = self._grids.solve(asked, NODES, 0)
+            grid = self._grids.solve(asked, NODES, refine=False)
             require_rest(self.names, self._rows.values(at_rest(grid), 1.0))
-            self._window = -float(grid.nodes[0]), float(grid.nodes[-1]) - timing.duration
+            self._longest = -float(grid.nodes[0]), float(grid.nodes[-1]) - timing.duration
             self._error = grid.tip_error
         else:
             grid = self._from(near, timing, asked)
@@ -142,6 +146,10 @@ class TipMinimumTime:
                 anew = self._grids.near(asked, grid.nodes, None, grid.ends)
                 self._error = anew.tip_error
                 grid = min(grid, anew, key=lambda each: each.tip_error)
+        return self._timed(timing, asked, grid)
+
+    def _timed(self, timing: Timing, asked: RetimedMotion, grid: TipGrid) -> TimedTip:
+        """Return a motion with the shares of the limits as they are now."""
         q = grid.solved.q
         qd, qdd = differences(q, grid.step)
         torque = grid.problem.torque(q, qd, qdd, grid.solved.multipliers)
@@ -162,7 +170,7 @@ class TipMinimumTime:
             except SolverError:
                 found = None
             else:
-                self._begun, factor = found, 1.0 + excess(found)
+                self._known, factor = found, 1.0 + excess(found)
             slower = self.slower(coefficients, factor)
             longest = self._grids.options.stretch * self._asked.duration
             if factor <= 1.0 + NEAR or Timing(self._basis, slower).duration > longest:
@@ -182,19 +190,30 @@ class TipMinimumTime:
         inside = round(old.duration / step_old)
         last = len(before) - 1 - first - inside
         step = timing.duration / inside
-        # the window before and after stays as long
         more = [
-            int(np.ceil(ROOM * needed / step)) - count if count * step < needed else 0
-            for count, needed in zip((first, last), self._window, strict=True)
+            self._more(count, needed, longest, step)
+            for count, needed, longest in zip(
+                (first, last), moves(old), self._longest, strict=True
+            )
         ]
         nodes = step * np.arange(-first - more[0], inside + last + more[1] + 1, dtype=np.float64)
         guess, forces = old.grid.solved.q, old.grid.solved.multipliers
+        ends = guess[[0, -1]]
         if self._near is old:
             guess, forces = (
                 part + by @ change for part, by in zip((guess, forces), self._changes, strict=True)
             )
-        guess, forces = (np.pad(part, (more, (0, 0)), mode='edge') for part in (guess, forces))
+        at = np.clip(np.arange(len(nodes)) - more[0], 0, len(before) - 1)
+        guess, forces = guess[at], forces[at]
+        guess[[0, -1]] = ends
         return self._grids.near(asked, nodes, (guess, forces), old.grid.ends)
+
+    @staticmethod
+    def _more(count: int, needed: float, longest: float, step: float) -> int:
+        """Return how many nodes more, or fewer, than `count` a window must have."""
+        wanted = min(ROOM * needed, longest)
+        fits = NEARLY * wanted <= count * step <= ROOM * wanted
+        return 0 if fits else int(np.ceil(wanted / step)) - count
 
     def jacobian(self, solution: TimedTip) -> Array:
         """Return the derivatives (k r, p) of the shares at the same places of the path."""
@@ -244,9 +263,17 @@ class TipMinimumTime:
 
     def plan(self, found: TimedTip) -> Plan:
         """Return the plan of a motion, on a grid as fine as its equations need."""
-        plan = self._grids.plan(self._grids.solve(found.asked), found.asked)
+        self._known = found
+        plan = self._grids.plan(self._grids.refined(found.grid, found.asked), found.asked)
         passed = found.timing.stations_at(plan.t)
         return replace(plan, stretch=found.duration / self._basis.stations[-1], passed=passed)
+
+
+def moves(motion: TimedTip) -> tuple[float, float]:
+    """Return how long a motion moves before and after the tip does [s]."""
+    size = np.abs(motion.at.qdd).max(axis=1)
+    moving = motion.grid.nodes[size > QUIET * size.max()]
+    return max(-float(moving[0]), 0.0), max(float(moving[-1]) - motion.duration, 0.0)
 
 
 def at_rest(grid: TipGrid) -> Moments:
@@ -440,7 +467,8 @@ def fastest(grids: TipGrids, asked: AskedMotion, rows: LimitRows) -> Plan:
             f'{robot.tree.name}: minimum time needs a limit of velocity, acceleration, effort, '
             'strain or such, got none'
         )
-    own = TipGrids(robot, grids.frames, grids.driven, replace(options, progress=None, cancel=None))
+    quiet = replace(options, progress=None, cancel=None)
+    own = TipGrids(robot, grids.frames, grids.driven, quiet, AROUND)
     some: Array = asked.coordinates(np.linspace(0.0, asked.duration, FEWEST + 1))
     if not float(np.ptp(some, axis=0).max()) > STANDS:
         raise StateError('shape_motion: q_joints must move for minimum time, got one posture')

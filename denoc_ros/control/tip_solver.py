@@ -18,7 +18,7 @@ from denoc_ros.types import Array
 ITERATIONS = 14
 EASED = (30.0, 10.0, 3.0)  # times the draw to the asked joints
 HALVINGS = 6
-SETTLED = 1e-9  # of the robot's size: equations left, and the last change of errors
+SETTLED = 1e-9  # of the robot's size: equations left, and the next change of errors
 STILL = 1e-11  # rad, m: a last change of all coordinates
 HOLD = 3e-3  # of the robot's size: Levenberg's term where steps go to and fro
 BACK = 0.25  # of the step before: a step back by more goes to and fro
@@ -260,7 +260,9 @@ def settle(
         gain = 1.0 - float(np.linalg.norm(errors) / max(np.linalg.norm(before[1]), 1e-300))
         # equations at what rounding leaves of accelerations on a fine grid do not get any smaller
         still = not halving and float(np.abs(changes[0]).max()) <= STILL
-        if still or (worst <= floor and (moved <= floor or (hold > 0.0 and abs(gain) < GAIN))):
+        # a further step changes as much less as this one did than the one before
+        ahead = moved * min(moved / last, 1.0) if iteration and not halving else moved
+        if still or (worst <= floor and (ahead <= floor or (hold > 0.0 and abs(gain) < GAIN))):
             return Solved(q, multipliers, worst, iteration + 1)
         back = float(np.sum(way * changes[0])) < -BACK * float(np.sum(way**2))
         way = changes[0]

@@ -127,7 +127,8 @@ class TorqueFeedforward:
         diagonals = robot.arrays.diagonals
         viscous, coulomb = diagonals[[DAMPING, FRICTION]][:, self._index]
         self._friction = Friction(viscous, coulomb)
-        self._given, self._change = np.zeros((2, len(self.motion.given)))
+        self._given = np.zeros(len(self.motion.given))
+        self._moved = robot.indices(self.motion.given)
         whole = all(getattr(self.terms, name) for name in Terms.names())
         # what moves the amplitudes then gives the torque as well
         self._at_once = (
@@ -169,6 +170,7 @@ class TorqueFeedforward:
         """Go on from another's amplitudes, if they are as many (a changed model of one robot)."""
         if other.q.shape == self.q.shape and other._moves and self._moves and other._settled:
             self.q[:], self.qd[:], self.qdd[:] = other.q, other.qd, other.qdd
+            self._given[:] = self.qdd[self._moved]
             self._settled = True
 
     def update(self, q: Array, qd: Array, qdd: Array, elapsed: float) -> Array:
@@ -211,7 +213,7 @@ class TorqueFeedforward:
                 if self._motors.any:
                     self._motors.add(self._result, (qd, qdd), elapsed)
                 return self._result
-            self._integrate(qdd, elapsed)
+            self._integrate(qd, qdd, elapsed)
             self._place(q, qd, qdd)
             if self._base.floats and self._base.twist is not None:
                 self._base.rates(self.q, self.qd)
@@ -275,14 +277,18 @@ class TorqueFeedforward:
         self.motion.rates(self.qd, qd)
         self.motion.accelerations(self.q, self.qd, self.qdd, qdd)
 
-    def _integrate(self, qdd: Array, elapsed: float) -> None:
-        """Move the amplitudes over `elapsed`, the joints' acceleration going to `qdd`."""
-        given, change = self._given, self._change
-        after = self.motion.given_accelerations(qdd)
+    def _integrate(self, qd: Array, qdd: Array, elapsed: float) -> None:
+        """Move the amplitudes over `elapsed`, the joints going to `qd` and `qdd`."""
+        before, after = self._given, self.motion.given_accelerations(qdd)
         if elapsed > 0.0:
-            np.subtract(after, given, out=change)
-            self._stepper.drive(self.q, self.qd, given, change, elapsed, self._count(elapsed))
-        given[:] = after
+            # as the compiled period: see its mean acceleration
+            gained = self.motion.given_accelerations(qd) - self.qd[self._moved]
+            middle, most = 0.5 * (before + after), np.abs(before) + np.abs(after)
+            mean = np.clip(gained / elapsed, middle - most, middle + most)
+            change = after - before
+            first, count = mean - 0.5 * change, self._count(elapsed)
+            self._stepper.drive(self.q, self.qd, first, change, elapsed, count)
+        self._given[:] = after
         if elapsed > 0.0 and self._base.floats:
             self._base.wrap(self.q, self.qd)
 

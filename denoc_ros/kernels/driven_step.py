@@ -114,6 +114,17 @@ def advance_driven(
     )  # fmt: skip
 
 
+@inlined
+def mean_acceleration(before, after, gain, duration):
+    """Return a joint's mean acceleration in a step that changes its rate by what its motion gains.
+
+    Half the accelerations' sum would leave amplitudes with momentum that no torque gives. A jump
+    of the rate, of which no acceleration tells, is none of it.
+    """
+    middle, most = 0.5 * (before + after), abs(before) + abs(after)
+    return min(max(gain / duration, middle - most), middle + most)
+
+
 @kernel(types.int64(types.int64, *[array_object] * 13, types.float64, types.int64))
 def driven_torque(
     handle, steps, held, places, first, position, rate, acceleration, tau, room, q, qd, qdd,
@@ -165,12 +176,15 @@ def driven_torque(
         return MISFIT
     wanted, x, v, a = content(room), content(q), content(qd), content(qdd)
     index, needed, asked = content(places), content(torque), content(acceleration)
-    before, change = content(first), beyond(wanted, n)
+    before, start, change = content(first), beyond(wanted, n), beyond(wanted, 2 * n)
     if count > 0:
         for i in range(joints):
+            gain = content(rate)[i] - v[np.int64(index[i])]
+            mean = mean_acceleration(before[i], asked[i], gain, duration)
             change[i] = asked[i] - before[i]
+            start[i] = mean - 0.5 * change[i]
         status = go_along(
-            handle, content(steps), content(held), index, joints, before, change, content(tau),
+            handle, content(steps), content(held), index, joints, start, change, content(tau),
             x, v, wanted, duration / count, count,
         )  # fmt: skip
         if status != GOOD:

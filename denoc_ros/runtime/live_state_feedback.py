@@ -291,7 +291,7 @@ class LiveStateFeedback:
         self.active, self.cause = active, cause
 
     def _swap(self, now: float) -> bool:
-        """Take gains that are made over, when their trajectory begins.
+        """Take gains that are made over: when their trajectory begins, or while none act.
 
         Returns whether they are of another model or other settings, or there are none any more.
         """
@@ -302,7 +302,7 @@ class LiveStateFeedback:
         if made is None:
             return False
         task, feedback = made
-        if task.start > now and self._now is not None:
+        if task.start > now and self._acted:
             self._waiting = made
             return False
         self._waiting = None

@@ -10,12 +10,14 @@ from control_runs import ROBOTS, cycloid
 from timed_paths import rigid_arm
 
 import denoc_ros as dn
+from denoc_ros.cli.shaped_phases import motion_of
 from denoc_ros.control.asked_motion import AskedMotion
 from denoc_ros.control.limit_rows import LimitRows, Moments, motion_limits
 from denoc_ros.control.timing import Timing, TimingBasis
 from denoc_ros.control.tip_grid import TipGrids
 from denoc_ros.control.tip_minimum_time import TipMinimumTime
 from denoc_ros.control.tip_options import TipOptions
+from denoc_ros.dynamics.feedforward import TorqueFeedforward
 
 TIMES = np.linspace(0.0, 10.0, 201)
 CANADARM = cycloid(np.radians([10.0, 40.0, 30.0]), np.radians([60.0, 45.0, 30.0]), 10.0)
@@ -55,6 +57,29 @@ def test_a_flexible_arm_is_a_fifth_faster_than_stretched_as_a_whole(
     assert (np.abs(plan.torque) <= 1.001 * np.array(list(EFFORT.values()))).all()
     assert plan.tip_error.max() < 5e-5
     assert np.abs(plan.qd[[0, -1]]).max() < 1e-15
+
+
+def test_torques_of_all_ticks_keep_the_limits_and_leave_the_arm_at_rest(
+    canadarm: dn.Robot, plan: dn.Plan
+) -> None:
+    """Held for 2 ms each, as drives hold them, on an arm whose joints nothing else holds."""
+    period, motion = 2e-3, motion_of(plan, canadarm.joint_names)
+    feedforward, arm = TorqueFeedforward(canadarm.copy()), canadarm.copy()
+    stepper, ticks = dn.Stepper(arm, 0.5 * period), int((motion.duration + 2.0) / period)
+    wanted, rate, acceleration = np.zeros((3, 3))
+    torque = np.zeros((ticks, arm.n))
+    q, qd = plan.q[0].copy(), np.zeros(arm.n)
+    for k, tau in enumerate(torque):
+        motion.sample((k + 0.5) * period, wanted, rate, acceleration)
+        tau[arm.joint_indices] = feedforward.update(
+            wanted, rate, acceleration, period if k else 0.0
+        )
+        for _ in range(2):
+            stepper.free(q, qd, tau)
+    most = np.abs(torque[:, arm.joint_indices]).max(axis=0)
+    assert (most <= 1.001 * np.array(list(EFFORT.values()))).all()
+    stands = arm.frame_pose('tool', q)[:3, 3] - arm.frame_pose('tool', plan.q[-1])[:3, 3]
+    assert np.linalg.norm(stands) < 5e-5
 
 
 def test_what_binds_and_what_it_gains_is_told(canadarm: dn.Robot, plan: dn.Plan) -> None:

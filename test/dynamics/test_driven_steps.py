@@ -109,8 +109,11 @@ def test_feedforward_is_the_composition_of_its_verbs(robot: Robot) -> None:
         torque = source.update(*motion, duration)
         count = max(1, round(duration / STEP))
         stepper.step = duration / count
+        middle, most = 0.5 * (before + motion[2]), np.abs(before) + np.abs(motion[2])
+        # the joints' rates change as the motion's do
+        mean = np.clip((motion[1] - qd[joints]) / duration, middle - most, middle + most)
         for k in range(count):
-            stepper.driven(q, qd, before + (k + 0.5) / count * (motion[2] - before))
+            stepper.driven(q, qd, mean + ((k + 0.5) / count - 0.5) * (motion[2] - before))
         before = motion[2]
         q[joints], qd[joints] = motion[:2]
         stepper.accelerations(q, qd, motion[2], qdd)

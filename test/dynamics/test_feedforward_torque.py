@@ -7,7 +7,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from control_runs import ROBOTS
 from node_robots import two_links
+from scipy.integrate import cumulative_simpson
 
 from denoc_ros.dynamics.feedforward import Terms, TorqueFeedforward
 from denoc_ros.dynamics.robot import Robot, load_robot
@@ -139,6 +141,22 @@ def test_flexible_feedforward_alone_makes_the_arm_follow() -> None:
     flexible, rigid = follow('flexible', 1e-3), follow('rigid', 1e-3)
     assert flexible < 2e-4
     assert rigid > 20 * flexible
+
+
+@pytest.mark.parametrize('terms', [Terms(), Terms(friction=False)], ids=['compiled', 'in parts'])
+def test_the_first_torque_gives_the_arm_its_momentum_about_the_first_axis(terms: Terms) -> None:
+    """A motion of 1 and 2 Hz at 500 Hz, where neither weight nor friction acts."""
+    robot, step = load_robot(ROBOTS / 'canadarm.urdf', gravity=(0, 0, 0)), 2e-3
+    feedforward = TorqueFeedforward(robot, terms=terms, step=step)
+    pace, times = 2.0 * np.pi * np.array([1.0, 2.0, 1.5]), step * np.arange(1000)
+    torque, momentum = np.zeros((2, len(times)))
+    for k, time in enumerate(times):
+        swing = np.array([1.0 - np.cos(pace * time), np.sin(pace * time), np.cos(pace * time)])
+        motion = 1e-3 * swing * pace ** np.arange(3)[:, None]
+        torque[k] = feedforward.update(motion[0], motion[1], motion[2], step if k else 0.0)[0]
+        momentum[k] = robot.inertia_matrix(feedforward.q)[0] @ feedforward.qd
+    impulse = cumulative_simpson(torque, dx=step, initial=0.0)
+    assert np.abs(momentum - impulse).max() < 1e-5 * np.abs(momentum).max()
 
 
 def test_a_mimic_joint_is_moved_and_carried_by_its_leader() -> None:

@@ -122,6 +122,18 @@ def test_gains_of_a_trajectory_are_taken_when_it_begins(planner: Planner) -> Non
     assert bench.live.status().values['fallbacks'] == 0
 
 
+def test_gains_of_a_trajectory_from_elsewhere_act_before_it_begins(planner: Planner) -> None:
+    bench = Bench(planner)
+    bench.watch(START + 0.6)
+    bench.ticks(1000, START + 0.6)
+    bench.offer(tip_exact(4.0, 0.1), bench.now + 2.0)
+    bench.watch(START)
+    assert bench.live.designs == 2
+    bench.ticks(1000, START)
+    assert bench.live.active
+    assert bench.live.postures > 1
+
+
 def test_refused_gains_leave_the_plan_alone_and_say_why(planner: Planner) -> None:
     bench = Bench(planner)
     bench.watch(START)
