@@ -459,9 +459,9 @@ class Session:
             self._health.check()
 
     def _shaper_does(self) -> str | None:
-        """State of the shaper; where time stands, by a report of just now."""
-        heard = self._client.reports('shaper') + 2
-        self._time.settle(lambda: self._client.reports('shaper') >= heard, PLANNING)
+        """State of the shaper; where time stands, by a report of that moment."""
+        now_ns = self._now_ns
+        self._time.settle(lambda: self._client.reported_ns('shaper') >= now_ns, PLANNING)
         return self._client.diagnostics(SHAPER).get('doing')
 
     @property

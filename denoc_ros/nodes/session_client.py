@@ -82,6 +82,7 @@ class SessionClient:
         self._statuses: dict[str, dict[str, str]] = {}
         self._levels: dict[str, bytes] = {}
         self._reports: Counter[str] = Counter()
+        self._reported_ns: dict[str, int] = {}
         self._clock_ns = -1
         rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
         self._node = Driver('up', use_global_arguments=False)
@@ -164,6 +165,10 @@ class SessionClient:
         """Return how often a node has spoken on /diagnostics since it was started."""
         return self._reports[name]
 
+    def reported_ns(self, name: str) -> int:
+        """Return the stamp of a node's last report on /diagnostics [ns], -1 before the first."""
+        return self._reported_ns.get(name, -1)
+
     def clock_ns(self) -> int:
         """Return the newest time of /clock [ns], -1 before the first."""
         for raw, *_ in arrived(self._node.clock, 1):
@@ -173,6 +178,7 @@ class SessionClient:
     def forget(self, name: str) -> None:
         """Forget a node's reports: it is about to be started anew."""
         self._reports.pop(name, None)
+        self._reported_ns.pop(name, None)
         for status in [status for status in self._statuses if status.startswith(f'{name}: ')]:
             del self._statuses[status]
 
@@ -289,7 +295,10 @@ class SessionClient:
             values = {pair.key: pair.value for pair in status.values}
             self._statuses[status.name] = {'': status.message, **values}
             self._levels[status.name] = status.level
-        self._reports.update({status.hardware_id for status in message.status})
+        names = {status.hardware_id for status in message.status}
+        stamp = message.header.stamp
+        self._reported_ns.update(dict.fromkeys(names, 1_000_000_000 * stamp.sec + stamp.nanosec))
+        self._reports.update(names)
 
 
 def reference_message(trajectory: Trajectory, joints: list[str], start_ns: int) -> JointTrajectory:
