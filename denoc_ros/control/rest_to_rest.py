@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from denoc_ros.control.driven_joints import DrivenJoints
+from denoc_ros.control.end_swing import free_motion
 from denoc_ros.control.joint_limits import JointLimits, joint_limits
 from denoc_ros.control.limit_rows import LimitRows, Moments, PlanLimits
 from denoc_ros.control.minimum_time import (
@@ -42,8 +43,9 @@ SEGMENTS_PER_PERIOD = 3.0  # of the fastest mode that is to rest
 LEAST_FINE = 40  # coefficients of a joint in minimum time, at least
 UNKNOWNS = 240  # of all splines there, at least; a joint has 120 at most
 FINEST = 120
-RESOLVED = 0.8  # segments in a period of the fastest mode, where accelerations may jump
-JUMPING = 'position', 'velocity', 'acceleration', 'effort'  # limits where accelerations may jump
+SMOOTH = {'acceleration', 'jerk', 'tip_acceleration'}  # limits that take accelerations as unknowns
+JUMPING = {'position', 'velocity', 'acceleration', 'effort'}  # and where these may jump
+PERIODS, GROWTH = 200.0, 6.0  # of free modes and of a fall, in a motion by torques
 ROUNDS = 30  # of the smoothest motion
 DURATIONS, LEAST, HOLD = 40, 15, 16  # that are tried, at least, and more where they stay
 LATELY, STILL = 8, 4e-3  # durations that differ by such a share: they save little more
@@ -170,6 +172,7 @@ class RestSearch:
 
     def _problem(self, basis: RestBasis, gentle: bool) -> RestProblem:
         limits = self.limits.joints.of(self.driven.places)
+        scale = np.where(np.isfinite(limits.acceleration), limits.acceleration, 1.0)
         return RestProblem(
             self.robots if gentle else self.robots[:1],
             self.driven,
@@ -178,7 +181,7 @@ class RestSearch:
             basis,
             gentle,
             self.modes,
-            np.where(np.isfinite(limits.acceleration), limits.acceleration, 1.0),
+            limits.effort if basis.by_torque else scale,
             self.waypoints,
             self.check,
         )
@@ -234,14 +237,23 @@ class RestSearch:
         found = quickest(
             rough, first, lambda share: progress(0.4 * share), stopped, DURATIONS, ROUGH
         )
-        steep = self._may_jump(found.solution.duration / segments)
-        basis = RestBasis(segments if steep else 2 * segments, 3, 3, steep)
-        problem = self._problem(basis, False)
-        problem.refine(found.solution.duration, 1)
-        start = problem.near(rough, found.coefficients)
-        return problem, quickest(
-            problem, start, lambda share: progress(0.4 + 0.6 * share), stopped, DURATIONS
-        )
+        steep = self._limited <= JUMPING
+        bases = [RestBasis(2 * segments, 3, 3, steep)]
+        if self._by_torque(found.solution.duration):
+            bases.insert(0, RestBasis(2 * segments, 1, 1, 'effort_rate' not in self._limited))
+        for basis in bases:
+            problem = self._problem(basis, False)
+            problem.refine(found.solution.duration, 1)
+            start = problem.near(rough, found.coefficients)
+            try:
+                return problem, quickest(
+                    problem, start, lambda share: progress(0.4 + 0.6 * share), stopped, DURATIONS
+                )
+            except CancelledError:
+                raise
+            except SolverError as error:
+                failure = error
+        raise failure
 
     def _stretched(self, seconds: float) -> tuple[RestProblem, Found[TimedRest]]:
         """Return the plain motion at rest, so much slower than a duration [s] as it must be."""
@@ -259,18 +271,26 @@ class RestSearch:
             seconds *= longer
         raise problem.failure(seconds, 'the limits are passed')
 
-    def _may_jump(self, segment: float) -> bool:
-        """Say whether accelerations may jump between segments [s].
+    @property
+    def _limited(self) -> set[str]:
+        """The quantities that have limits."""
+        return {name.split()[0] for name in self.rows.names}
 
-        Where only joints have limits, none of them on a jerk or an effort rate, and segments
-        resolve the modes that it excites.
+    def _by_torque(self, duration: float) -> bool:
+        """Say whether the shortest motion has net torques as its unknowns, else accelerations.
+
+        Where each joint has a limit of effort, and none of an acceleration or a jerk, steps can
+        resolve all modes with free joints, and the robot falls little in the duration [s].
         """
-        if any(name.split()[0] not in JUMPING for name in self.rows.names):
+        robot, effort = self.robots[0], self.limits.joints.of(self.driven.places).effort
+        smooth = self._limited & SMOOTH or robot.constraint_names
+        if smooth or not np.isfinite(effort).all():
             return False
-        robot = self.robots[0]
-        end = robot.static_deflection(self.driven.all(self.postures[1]))
-        fastest = float(robot.natural_frequencies(end, held=False).max())
-        return RESOLVED * fastest * segment <= 1.0
+        for posture in self.postures:
+            fastest, growth = free_motion(robot, self.driven.all(posture))
+            if fastest * duration > PERIODS or growth * duration > GROWTH:
+                return False
+        return True
 
     def _begin(self, problem: RestProblem) -> Array:
         """Return the plain motion, so slow that it keeps its limits."""

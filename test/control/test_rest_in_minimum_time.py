@@ -119,7 +119,8 @@ def test_the_plan_of_two_links_does_what_the_search_found() -> None:
     ends = np.array([[0.0, 0.0], [0.5, 0.5]])
     plan = dn.shape_motion(robot, [0.0, 0.6], ends, 'rest_to_rest', time='minimum')
     assert plan.limits is not None
-    assert plan.t[-1] <= 0.336  # 0.346 s with accelerations that are linear over its 120th
+    assert plan.t[-1] <= 0.334  # 0.3346 s with accelerations that nearly jump 60 times
+    assert plan.limits.binding().count('') < 0.1 * len(plan.t)
     assert max(plan.limits.largest.values()) <= 1.001
     t = np.linspace(0.0, plan.t[-1], 201)
     plain = ends[0] + (ends[1] - ends[0]) * cycloid(t, t[-1])[:, None]
@@ -127,7 +128,7 @@ def test_the_plan_of_two_links_does_what_the_search_found() -> None:
     assert not plan.qd[[0, -1]][:, joints].any()
     assert not plan.qdd[[0, -1]][:, joints].any()
     # two of four modes rest by default: the others swing by little
-    left = swing_after(robot, plan.t, plan.q[:, joints], 'tool')
+    left = swing_after(robot, plan.t, plan.q[:, joints], 'tool', step=1e-4)
     assert left < 0.05 * swing_after(robot, t, plain, 'tool')
 
 
