@@ -28,22 +28,22 @@ RAMPS = 4  # shares of a segment: the first one is a ramp, where a motion nearly
 STEPS = 200  # of the simulated motion, at least
 # of the fastest mode that rests, and of the fastest of all: while unknowns are few, and after
 STEPS_PER_PERIOD = (20.0, 60.0), (10.0, 40.0)
-STEPS_BY_TORQUE = 20.0  # of the fastest mode whose joints are free
+STEPS_BY_TORQUE, MOMENTS_BY_TORQUE = 20.0, 8.0  # of the fastest mode whose joints are free
 QUIET = 1e-3  # share of the plain motion's swing that counts as rest
 EXACT = 1e-4  # share to which the search brings it
 STANDS = 1e-9  # rad, m: a way that is none
 NEWTON = 10  # steps to rest
 SLOWLY = 0.3  # share of a swing that a step with the derivatives of the motion before leaves
 # durations that the plain motion's mean square of jerk costs in minimum time, without and with
-# jumps
-SMOOTH = 1e-7, 1e-9
+# jumps, and that of the torques' slope
+SMOOTH, SMOOTH_TORQUES = (1e-7, 1e-9), 1e-6
 TURNS = 20.0  # mean square of the slope of a torque that goes once between its limits
 ROBUSTNESS = 2e4  # jerks of the plain motion that all the swing with other frequencies costs
 FIRM, STEADY = 200.0, 1e-4  # price of a share beyond a limit, and least share of the jerk saved
 ROOM = 0.9  # share of the limits that the shortest motion may leave free in a duration
 FASTER = 1.0, 0.9, 0.8, 0.7  # plain motions of which the largest swing is that scale
 PARTS = 16  # of a segment, over which jerks are means
-STEP_OF_JOINTS, STEP_OF_TORQUES = 0.3, 4.0  # scale of a trust region
+STEP_OF_JOINTS, STEP_OF_TORQUES = 0.3, 2.0  # scale of a trust region
 TRUSTED = 15  # moments on the way at which joints change by that
 
 
@@ -68,6 +68,8 @@ class RestBasis:
         Whether the splines are of net torques, else of joints.
     order : int
         Derivative of the splines that is an acceleration or a torque.
+    inner : array
+        Knots but the ends.
     free : int
         Coefficients of each joint that are free.
     rows : int
@@ -82,18 +84,15 @@ class RestBasis:
         self.rows = RAMPS * segments if steep else segments
         at = np.arange(1, self.rows)
         inner = at[(at % RAMPS == 0) | (at == 1) | (at == self.rows - 1)] if steep else at
-        self._knots = np.concatenate((
-            np.zeros(degree + 1),
-            inner / self.rows,
-            np.ones(degree + 1),
-        ))  # fmt: skip
+        self.inner = inner / self.rows
+        self._knots = np.concatenate((np.zeros(degree + 1), self.inner, np.ones(degree + 1)))
         self._count = len(inner) + degree + 1
         self.free = self._count - 2 * ends
 
-    def moments(self, fine: int) -> tuple[int, Array]:
+    def moments(self, least: float) -> tuple[int, Array]:
         """Return nodes for each segment, and the shares at which limits are looked at."""
         nodes = RAMPS if self.steep else PER_SEGMENT[self.degree]
-        nodes *= max(1, -(-MOMENTS[fine] // (nodes * self.segments)))
+        nodes *= max(1, int(np.ceil(least / (nodes * self.segments))))
         return nodes, np.linspace(0.0, 1.0, nodes * self.segments + 1)
 
     def design(self, shares: ArrayLike, derivative: int = 0) -> Array:
@@ -300,9 +299,11 @@ class RestProblem:
         self._ends = postures
         if self._by_torque:
             self._ends = self._held(first), self._held(last)
+            self._holding = np.ravel(
+                [np.interp(basis.inner, [0.0, 1.0], e) for e in zip(*self._ends, strict=True)]
+            )
         self.fastest = float(ringing_modes(self.robot, last, modes).frequencies.max())
-        if self._by_torque:
-            self._free = free_motion(self.robot, last)[0]
+        self._free = free_motion(self.robot, last)[0] if self._by_torque else 0.0
         self._all = fastest_mode(self.robot, last, self.fastest)
         count = 0 if waypoints is None else len(waypoints.postures)
         self.names = rows.names + tuple(
@@ -325,14 +326,15 @@ class RestProblem:
 
     def refine(self, duration: float, fine: int) -> None:
         """Take steps for a duration [s]: coarse (0) or fine (1) ones."""
-        each, self._look = self.basis.moments(fine)
+        turns = self._free * duration  # of the fastest mode that torques excite
+        each, self._look = self.basis.moments(max(MOMENTS[fine], MOMENTS_BY_TORQUE * turns))
         nodes = each * self.basis.segments
         rests, every = (each[fine] for each in STEPS_PER_PERIOD)
         # splines excite modes little that are faster than their segments
         excited = min(self._all * duration, self.basis.segments)
         steps = max(STEPS, rests * self.fastest * duration, every * excited)
         if self._by_torque:
-            steps = max(STEPS, STEPS_BY_TORQUE * self._free * duration)
+            steps = max(STEPS, STEPS_BY_TORQUE * turns)
         self._every = int(np.ceil(steps / nodes))
         self.count = nodes * self._every
         self.shares = np.linspace(0.0, 1.0, self.count + 1)
@@ -433,7 +435,8 @@ class RestProblem:
         """Return the prices of a jerk, and of a swing's square."""
         if self.gentle:
             return 1.0 / self._plain_jerk, ROBUSTNESS / self.swing**2
-        return SMOOTH[self.basis.steep] / self._plain_jerk, 0.0
+        price = SMOOTH_TORQUES if self._by_torque else SMOOTH[self.basis.steep]
+        return price / self._plain_jerk, 0.0
 
     def _cost(self, x: Array, errors: tuple[Array, ...]) -> float:
         smooth, quiet = self._prices()
@@ -484,8 +487,12 @@ class RestProblem:
         return self.lasting(coefficients, factor * coefficients[-1])
 
     def lasting(self, coefficients: Array, duration: float) -> Array:
-        """Return the coefficients with another duration [s]."""
+        """Return the coefficients of a like motion in another duration [s]."""
         other: Array = np.array(coefficients)
+        if self._by_torque:  # what accelerates a stiff arm grows with the square of the pace
+            other[:-1] -= self._holding
+            other[:-1] *= (other[-1] / duration) ** 2
+            other[:-1] += self._holding
         other[-1] = duration
         return other
 

@@ -350,8 +350,11 @@ def quickest(
             here, jacobian = there, problem.jacobian(there)
         objective, c = problem.program(here), here.coefficients
         step = program(objective, here, jacobian, c, radius, problem.price)
-        if step is None:
-            break
+        if step is None:  # the program's numbers were too far apart
+            radius, last = radius * NEARER, here.duration
+            if radius < NARROW:
+                break
+            continue
         x, _, gains, _ = step
         needed = float(np.abs(here.shares.ravel() + jacobian @ (x - c)).max())
         if last and abs(np.log(last / here.duration)) > APART:
