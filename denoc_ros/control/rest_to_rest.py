@@ -170,7 +170,10 @@ class RestSearch:
         wanted = int(np.ceil(SEGMENTS_PER_PERIOD * fastest * duration))
         return RestBasis(min(max(wanted, SEGMENTS[0]), SEGMENTS[1]))
 
-    def _problem(self, basis: RestBasis, gentle: bool) -> RestProblem:
+    def _problem(
+        self, basis: RestBasis, gentle: bool, torques: Array | None = None
+    ) -> RestProblem:
+        """Return the problem with splines of joints, or of torques of a size (driven,)."""
         limits = self.limits.joints.of(self.driven.places)
         scale = np.where(np.isfinite(limits.acceleration), limits.acceleration, 1.0)
         return RestProblem(
@@ -181,7 +184,7 @@ class RestSearch:
             basis,
             gentle,
             self.modes,
-            limits.effort if basis.by_torque else scale,
+            scale if torques is None else torques,
             self.waypoints,
             self.check,
         )
@@ -241,19 +244,29 @@ class RestSearch:
         bases = [RestBasis(2 * segments, 3, 3, steep)]
         if self._by_torque(found.solution.duration):
             bases.insert(0, RestBasis(2 * segments, 1, 1, 'effort_rate' not in self._limited))
+        effort = self.limits.joints.of(self.driven.places).effort
+        needed = np.minimum(effort, np.abs(found.solution.at.torque).max(axis=0))
+        best: tuple[RestProblem, Found[TimedRest]] | None = None
         for basis in bases:
-            problem = self._problem(basis, False)
+            problem = self._problem(basis, False, needed if basis.by_torque else None)
             problem.refine(found.solution.duration, 1)
             start = problem.near(rough, found.coefficients)
             try:
-                return problem, quickest(
+                fine = quickest(
                     problem, start, lambda share: progress(0.4 + 0.6 * share), stopped, DURATIONS
                 )
             except CancelledError:
                 raise
             except SolverError as error:
                 failure = error
-        raise failure
+                continue
+            if best is None or fine.solution.duration < best[1].solution.duration:
+                best = problem, fine
+            if fine.solution.duration <= found.solution.duration:
+                break  # else the search was lost in the fast modes that torques excite
+        if best is None:
+            raise failure
+        return best
 
     def _stretched(self, seconds: float) -> tuple[RestProblem, Found[TimedRest]]:
         """Return the plain motion at rest, so much slower than a duration [s] as it must be."""
