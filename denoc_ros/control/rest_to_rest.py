@@ -45,6 +45,7 @@ UNKNOWNS = 240  # of all splines there, at least; a joint has 120 at most
 FINEST = 120
 SMOOTH = {'acceleration', 'jerk', 'tip_acceleration'}  # limits that take accelerations as unknowns
 JUMPING = {'position', 'velocity', 'acceleration', 'effort'}  # and where these may jump
+LOST = 1.03  # times the rough search's duration where torques do not shorten it
 PERIODS, GROWTH = 200.0, 6.0  # of free modes and of a fall, in a motion by torques
 ROUNDS = 30  # of the smoothest motion
 DURATIONS, LEAST, HOLD = 40, 15, 16  # that are tried, at least, and more where they stay
@@ -253,7 +254,12 @@ class RestSearch:
             start = problem.near(rough, found.coefficients)
             try:
                 fine = quickest(
-                    problem, start, lambda share: progress(0.4 + 0.6 * share), stopped, DURATIONS
+                    problem,
+                    start,
+                    lambda share: progress(0.4 + 0.6 * share),
+                    stopped,
+                    DURATIONS,
+                    longest=LOST * found.solution.duration if basis.by_torque else np.inf,
                 )
             except CancelledError:
                 raise
@@ -325,13 +331,15 @@ def quickest(
     stopped: Callable[[], bool],
     durations: int,
     close: tuple[float, float] = CLOSE,
+    longest: float = np.inf,
 ) -> Found[TimedRest]:
     """Return the motion in the shortest duration that was found (see :func:`shortest`).
 
     In one duration after the other a program says how little of the limits is needed at least.
     That falls with a power of the duration, by which the next one is chosen. The last one is a
     share `close` from the one before, with that share beyond the limits. Where durations save
-    little, steps in a slightly longer one bring the motion within the limits.
+    little, steps in a slightly longer one bring the motion within the limits. A search that comes
+    to a duration beyond the longest [s] is lost.
     """
     best: Found[TimedRest] | None = None
     here: TimedRest | None = None
@@ -374,6 +382,8 @@ def quickest(
             estimate = float(np.log(most / needed) / np.log(here.duration / last))
             power = estimate if POWERS[0] <= estimate <= POWERS[1] else power
         last, most = here.duration, needed
+        if last > longest:
+            raise problem.failure(last, 'the search does not shorten its motion')
         tried.append(last)
         longer = needed ** (1.0 / power)
         settled = abs(longer - 1.0) <= close[0] and excess(here) <= close[1]
