@@ -24,7 +24,7 @@ from denoc_ros.types import Array, IntArray
 
 PER_SEGMENT = {1: 2, 3: 2, 5: 6}  # moments at which limits are looked at, by the splines' degree
 MOMENTS = 1, 160  # of all, at least: with coarse steps and with fine ones
-RAMPS = 4  # shares of a segment: the first one is a ramp, where a motion nearly jumps off
+RAMPS = {1: 4, 3: 8}  # of a segment, by the degree: shares in which a motion nearly jumps
 STEPS = 200  # of the simulated motion, at least
 # of the fastest mode that rests, and of the fastest of all: while unknowns are few, and after
 STEPS_PER_PERIOD = (20.0, 60.0), (10.0, 40.0)
@@ -44,6 +44,7 @@ ROOM = 0.9  # share of the limits that the shortest motion may leave free in a d
 FASTER = 1.0, 0.9, 0.8, 0.7  # plain motions of which the largest swing is that scale
 PARTS = 16  # of a segment, over which jerks are means
 STEP_OF_JOINTS, STEP_OF_TORQUES = 0.3, 2.0  # scale of a trust region
+RIDGE = 1e-6  # price of a square of a step of torques
 TRUSTED = 15  # moments on the way at which joints change by that
 
 
@@ -59,8 +60,9 @@ class RestBasis:
         position, velocity, acceleration and jerk; of degree 3 with 3 all but the jerk. Those of
         degree 1 are of net torques.
     steep : bool
-        Whether the first segment begins with a ramp, a quarter of it, and the last one ends with
-        one: there accelerations or torques nearly jump.
+        Whether accelerations or torques nearly jump. Of degree 3, each segment begins with a ramp,
+        an eighth of it, from which the spline may bend, and the last one ends with one too; of
+        degree 1 the first one begins and the last one ends with one, a quarter.
 
     Attributes
     ----------
@@ -81,9 +83,11 @@ class RestBasis:
         self.degree, self._ends = degree, ends
         self.by_torque = degree == 1
         self.order = 0 if self.by_torque else 2
-        self.rows = RAMPS * segments if steep else segments
+        ramps = RAMPS[degree] if steep else 1
+        self.rows = ramps * segments
         at = np.arange(1, self.rows)
-        inner = at[(at % RAMPS == 0) | (at == 1) | (at == self.rows - 1)] if steep else at
+        bends = at % ramps <= (1 if degree == 3 else 0)
+        inner = at[bends | (at == 1) | (at == self.rows - 1)]
         self.inner = inner / self.rows
         self._knots = np.concatenate((np.zeros(degree + 1), self.inner, np.ones(degree + 1)))
         self._count = len(inner) + degree + 1
@@ -91,7 +95,7 @@ class RestBasis:
 
     def moments(self, least: float) -> tuple[int, Array]:
         """Return nodes for each segment, and the shares at which limits are looked at."""
-        nodes = RAMPS if self.steep else PER_SEGMENT[self.degree]
+        nodes = RAMPS[self.degree] if self.steep else PER_SEGMENT[self.degree]
         nodes *= max(1, int(np.ceil(least / (nodes * self.segments))))
         return nodes, np.linspace(0.0, 1.0, nodes * self.segments + 1)
 
@@ -236,7 +240,7 @@ class RestCost:
             least,
             most,
             gradient * scale / unit,
-            hessian * scale * scale[:, None] / unit,
+            hessian * scale * scale[:, None] / unit + problem.ridge * np.eye(len(c)),
             here.cost / unit,
             sparse.csr_array(own * scale / size[:, None]),
             -here.errors[0] / size,
@@ -323,6 +327,7 @@ class RestProblem:
         self._goals = self._places()
         self.longer = not gentle
         self.size = self.swing = 1.0
+        self.ridge = RIDGE if self._by_torque else 0.0
 
     def refine(self, duration: float, fine: int) -> None:
         """Take steps for a duration [s]: coarse (0) or fine (1) ones."""

@@ -45,6 +45,7 @@ UNKNOWNS = 240  # of all splines there, at least; a joint has 120 at most
 FINEST = 120
 SMOOTH = {'acceleration', 'jerk', 'tip_acceleration'}  # limits that take accelerations as unknowns
 JUMPING = {'position', 'velocity', 'acceleration', 'effort'}  # and where these may jump
+RESOLVED = 0.8  # segments in a period of the fastest mode, where accelerations may jump
 LOST = 1.03  # times the rough search's duration where torques do not shorten it
 PERIODS, GROWTH = 200.0, 6.0  # of free modes and of a fall, in a motion by torques
 ROUNDS = 30  # of the smoothest motion
@@ -241,8 +242,8 @@ class RestSearch:
         found = quickest(
             rough, first, lambda share: progress(0.4 * share), stopped, DURATIONS, ROUGH
         )
-        steep = self._limited <= JUMPING
-        bases = [RestBasis(2 * segments, 3, 3, steep)]
+        steep = self._may_jump(found.solution.duration / segments)
+        bases = [RestBasis(segments if steep else 2 * segments, 3, 3, steep)]
         if self._by_torque(found.solution.duration):
             bases.insert(0, RestBasis(2 * segments, 1, 1, 'effort_rate' not in self._limited))
         effort = self.limits.joints.of(self.driven.places).effort
@@ -298,18 +299,29 @@ class RestSearch:
     def _by_torque(self, duration: float) -> bool:
         """Say whether the shortest motion has net torques as its unknowns, else accelerations.
 
-        Where each joint has a limit of effort, and none of an acceleration or a jerk, steps can
-        resolve all modes with free joints, and the robot falls little in the duration [s].
+        Where each joint has a rotor's inertia and a limit of effort, and none of an acceleration
+        or a jerk, steps can resolve all modes with free joints, and the robot falls little in the
+        duration [s]. Joints without inertia of their own would swing with the fastest modes.
         """
         robot, effort = self.robots[0], self.limits.joints.of(self.driven.places).effort
         smooth = self._limited & SMOOTH or robot.constraint_names
-        if smooth or not np.isfinite(effort).all():
+        rotors = robot.armature[robot.joint_indices]
+        if smooth or not (np.isfinite(effort).all() and rotors.all()):
             return False
         for posture in self.postures:
             fastest, growth = free_motion(robot, self.driven.all(posture))
             if fastest * duration > PERIODS or growth * duration > GROWTH:
                 return False
         return True
+
+    def _may_jump(self, segment: float) -> bool:
+        """Say whether accelerations may jump between segments [s].
+
+        Where only joints have limits, none of them on a jerk or an effort rate, and segments
+        resolve the modes that it excites.
+        """
+        fastest, _ = free_motion(self.robots[0], self.driven.all(self.postures[1]))
+        return self._limited <= JUMPING and RESOLVED * fastest * segment <= 1.0
 
     def _begin(self, problem: RestProblem) -> Array:
         """Return the plain motion, so slow that it keeps its limits."""
