@@ -178,7 +178,9 @@ class RestMotion:
         at = np.asarray(times, dtype=np.float64)
         inside = np.clip(at, 0.0, self.duration)
         rows = np.array(self.spline(inside, derivative))
-        if derivative:
+        if derivative in (1, 2):  # at rest at both ends, exactly
+            rows[(at <= 0.0) | (at >= self.duration)] = 0.0
+        elif derivative:
             rows[inside != at] = 0.0
         return self.driven.all(rows, derivative)
 
