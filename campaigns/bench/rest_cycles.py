@@ -22,6 +22,8 @@ from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import SolverError
 from denoc_ros.types import Array
 
+FINE = 1e-4  # s: steps of simulated swings
+
 
 def fastest_shaped(robot: Robot, ends: Array, method: str, limits: dict[str, Any]) -> Any:
     """Return the shortest cycloid through a shaper within the limits, to 1 %, as a plan."""
@@ -44,14 +46,14 @@ def table(
     joints = robot.joint_indices
     t = np.linspace(0.0, T, 221)
     q = ends[0] + (ends[1] - ends[0]) * cycloid(t, T)[:, None]
-    plain = swing_after(robot, t, q, tip)
+    plain = swing_after(robot, t, q, tip, step=FINE)
     print(f'{name}, plain: {T:.3f} s, swing {1e3 * plain:.2f} mm', flush=True)
     resting = len(ringing_modes(robot, ends[1]).frequencies)
     for modes in dict.fromkeys((resting, len(robot.flexible_indices))):
         began = time.process_time()
         plan = dn.shape_motion(robot, t, q, 'rest_to_rest', time='minimum', modes=modes, **limits)
         took = time.process_time() - began
-        left = swing_after(robot, plan.t, plan.q[:, joints], tip)
+        left = swing_after(robot, plan.t, plan.q[:, joints], tip, step=FINE)
         assert plan.limits is not None
         print(
             f'{name}, minimum time, {modes} modes at rest: {plan.t[-1]:.3f} s, swing '
@@ -59,17 +61,26 @@ def table(
             f'{max(plan.limits.largest.values()):.4f}, processor time {took:.1f} s',
             flush=True,
         )
+        print_binding(plan)
     for method in ('zv', 'zvd'):
         shaped = fastest_shaped(robot, ends, method, limits)
         if shaped is None:
             print(f'{name}, {method}: none within the limits')
             continue
-        left = swing_after(robot, shaped.t, shaped.q[:, joints], tip)
+        left = swing_after(robot, shaped.t, shaped.q[:, joints], tip, step=FINE)
         print(
             f'{name}, {method}: {shaped.t[-1] - shaped.t[0]:.3f} s, swing '
             f'{100.0 * left / plain:.2f} %',
             flush=True,
         )
+
+
+def print_binding(plan: dn.Plan) -> None:
+    """Print how long each limit binds, and by how much 1 % more of it shortens the motion."""
+    assert plan.limits is not None
+    for what, count in Counter(plan.limits.binding()).most_common():
+        gain = 100.0 * plan.limits.gains.get(what, 0.0)
+        print(f'  {what or "nothing"} {100 * count / len(plan.t):.0f} %; 1 % more: {gain:.2f} %')
 
 
 ARMS: dict[str, tuple[Array, Array]] = {  # ends, and efforts
@@ -97,9 +108,7 @@ def space_arm(name: str) -> None:
     took = time.process_time() - began
     assert plan.limits is not None
     print(f'{name}: {plan.t[-1]:.3f} s, processor time {took:.1f} s', flush=True)
-    for what, count in Counter(plan.limits.binding()).most_common():
-        gain = 100.0 * plan.limits.gains.get(what, 0.0)
-        print(f'  {what or "nothing"} {100 * count / len(plan.t):.0f} %; 1 % more: {gain:.2f} %')
+    print_binding(plan)
     rows = slice(None, None, 4)
     t = plan.t[rows]
     t, q = np.linspace(t[0], plan.t[-1], len(t)), plan.q[:, robot.joint_indices]

@@ -10,16 +10,31 @@ import scipy.linalg
 from denoc_ros.control.limit_rows import Moments
 from denoc_ros.control.ringing import ringing_modes
 from denoc_ros.dynamics.robot import Robot
-from denoc_ros.dynamics.stepper import Stepper
+from denoc_ros.dynamics.stepper import Stepper, raise_step_status
+from denoc_ros.kernels.compiled import ready
+from denoc_ros.kernels.handle import FRICTION
+from denoc_ros.kernels.runge_kutta import CONTROLS, END, STEP, TIME, UNTIL, explicit_steps
 from denoc_ros.types import Array
+
+# Kutta's method of order 4: stages, weights, and no estimate of errors
+RUNGE_KUTTA = (
+    np.array(
+        [[0.0, 0.0, 0.0, 0.0], [0.5, 0.0, 0.0, 0.0], [0.0, 0.5, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]]
+    ),
+    np.array([1.0, 2.0, 2.0, 1.0]) / 6.0,
+    np.zeros((2, 5)),
+)
 
 
 class Driven(NamedTuple):
-    """A motion of all coordinates: q, qd (k, n), the joints' accelerations between (k - 1, h)."""
+    """A motion of all coordinates: q, qd (k, n), and what drives the joints between (k - 1, h).
+
+    That is their accelerations, or net torques: those without Coulomb friction.
+    """
 
     q: Array
     qd: Array
-    qdd_joints: Array
+    between: Array
 
 
 def middles(motion: Driven, step: float) -> tuple[Array, Array]:
@@ -32,7 +47,7 @@ def middles(motion: Driven, step: float) -> tuple[Array, Array]:
     return q, qd
 
 
-def moments_change(robot: Robot, at: Moments, drives: tuple[Array, ...], states: Array) -> Moments:
+def moments_change(robot: Robot, at: Moments, drive: Array, states: Array) -> Moments:
     """Return the derivatives of a motion at moments, with the torques of all joints.
 
     Parameters
@@ -40,20 +55,18 @@ def moments_change(robot: Robot, at: Moments, drives: tuple[Array, ...], states:
     robot : Robot
         Its workspace is used.
     at : Moments
-    drives : three (k, joints, p) arrays
-        How positions, rates and accelerations of the joints change.
-    states : (k, 2 free, p) array
-        How the free coordinates and their rates do.
+    drive : (k, joints, p) array
+        How the accelerations of the joints change.
+    states : (k, 2 n, p) array
+        How all coordinates and their rates do.
     """
     joints, free = robot.joint_indices, robot.free_indices
     of = robot.hybrid_dynamics_derivatives(at.q, at.qd, np.ascontiguousarray(at.qdd[:, joints]))
-    m, moved = len(free), [np.zeros((*at.q.shape, states.shape[-1])) for _ in range(3)]
-    for change, drive in zip(moved, drives, strict=True):
-        change[:, joints] = drive
-    moved[0][:, free], moved[1][:, free] = states[:, :m], states[:, m:]
-    moved[2][:, free] = of.dqdd_dq @ moved[0] + of.dqdd_dqd @ moved[1] + of.dqdd_dqdd @ drives[2]
-    torque = of.dtau_dq @ moved[0] + of.dtau_dqd @ moved[1] + of.dtau_dqdd @ drives[2]
-    return Moments(moved[0], moved[1], moved[2], torque)
+    q, qd = np.split(states, 2, axis=1)
+    qdd = np.zeros_like(q)
+    qdd[:, joints] = drive
+    qdd[:, free] = of.dqdd_dq @ q + of.dqdd_dqd @ qd + of.dqdd_dqdd @ drive
+    return Moments(q, qd, qdd, of.dtau_dq @ q + of.dtau_dqd @ qd + of.dtau_dqdd @ drive)
 
 
 def follow_joints(stepper: Stepper, start: Array, q: Array, qd: Array, between: Array) -> Driven:
@@ -70,6 +83,27 @@ def follow_joints(stepper: Stepper, start: Array, q: Array, qd: Array, between: 
         if k < len(between):
             stepper.driven(state, rate, between[k])
     return Driven(states, rates, between)
+
+
+def without_friction(robot: Robot) -> Robot:
+    """Return a copy without Coulomb friction."""
+    net = robot.copy()
+    diagonals = net.diagonals()
+    diagonals[FRICTION] = 0.0
+    net.set_diagonals(diagonals)
+    return net
+
+
+def free_motion(robot: Robot, posture: Array) -> tuple[float, float]:
+    """Return the fastest frequency [Hz] and growth [1/s] at rest, with constant joint torques."""
+    net, n = without_friction(robot), robot.n
+    rest = net.static_deflection(posture)
+    still = np.zeros(n)
+    by_q, by_qd, _ = net.forward_dynamics_derivatives(
+        rest, still, net.inverse_dynamics(rest, still, still)
+    )
+    values = np.linalg.eigvals(np.block([[np.zeros((n, n)), np.eye(n)], [by_q, by_qd]]))
+    return float(np.abs(values.imag).max()) / (2.0 * np.pi), float(values.real.max())
 
 
 def _exponentials(small: Array) -> Array:
@@ -89,30 +123,45 @@ class EndSwing:
         Postures [rad, m]; the motion begins in static equilibrium.
     modes : int, optional
         How many, from the lowest; default as :func:`ringing_modes` chooses.
+    by_torque : bool
+        Whether net torques drive the joints, which may then not have arrived; else accelerations.
 
     Attributes
     ----------
-    count : int
-        Numbers that :meth:`error` has: two for each mode.
+    net : Robot
+        The robot without Coulomb friction.
     """
 
-    def __init__(self, robot: Robot, start: Array, end: Array, modes: int | None = None) -> None:
-        self.robot = robot
+    def __init__(
+        self,
+        robot: Robot,
+        start: Array,
+        end: Array,
+        modes: int | None = None,
+        by_torque: bool = False,
+    ) -> None:
+        self.robot, self.net = robot, without_friction(robot) if by_torque else robot
         chosen = len(ringing_modes(robot, end, modes).frequencies)
         self._rest = robot.static_deflection(start)
         self._goal = robot.static_deflection(end)
         natural = robot.natural_modes(self._goal)
         flexible, free = robot.flexible_indices, robot.free_indices
-        inertia = robot.inertia_matrix(self._goal)[np.ix_(free, flexible)]
+        inertia = robot.inertia_matrix(self._goal)
         rigid = len(robot.base_indices)  # these modes are a floating base's, without a frequency
         ringing = slice(rigid, rigid + chosen)
         # of shapes with unit modal mass: amplitudes are these rows times the deflection, wherever
         # a floating base is: its rigid motions have no part in them
-        rows = natural.shapes[free, ringing].T @ inertia
+        rows = np.zeros((chosen, robot.n))
+        rows[:, flexible] = natural.shapes[free, ringing].T @ inertia[np.ix_(free, flexible)]
         omega = 2.0 * np.pi * natural.frequencies[ringing]
+        if by_torque:  # the joints come to rest as one more mode each
+            joints = np.eye(robot.n)[robot.joint_indices]
+            rows = np.vstack([rows, np.sqrt(np.diag(inertia)) * joints])
+            omega = np.append(omega, np.full(len(joints), omega[0]))
         self._observe = scipy.linalg.block_diag(omega[:, None] * rows, rows)
         self._stepper = Stepper(robot, 1.0)
-        self.count = 2 * chosen
+        if by_torque:
+            ready(explicit_steps)
 
     def run(self, step: float, q: Array, qd: Array, between: Array) -> Driven:
         """Return the motion of all coordinates, in steps.
@@ -129,48 +178,82 @@ class EndSwing:
         self._stepper.step = step
         return follow_joints(self._stepper, self._rest, q, qd, between)
 
+    def run_by_torque(self, step: float, between: Array) -> Driven:
+        """Return the motion under net torques (k - 1, joints) in the middle of steps [s]."""
+        net, n = self.net, self.net.n
+        forces = np.zeros((len(between), n))
+        forces[:, net.joint_indices] = between
+        states, stages, room = (
+            np.zeros((len(between) + 1, 2 * n)),
+            np.zeros((5, 2 * n)),
+            np.zeros(2 * n),
+        )
+        states[0, :n] = self._rest
+        control = np.ones(CONTROLS)
+        for before, after, force in zip(states[:-1], states[1:], forces, strict=True):
+            control[[TIME, STEP, UNTIL, END]] = 0.0, step, step, step
+            stages[-1, :n] = before[n:]
+            net.forward_dynamics(before[:n], before[n:], force, out=stages[-1, n:])
+            after[:] = before
+            status = explicit_steps(
+                net.handle, *RUNGE_KUTTA, control, force, after, room.copy(), stages, room
+            )
+            raise_step_status(net, status, after, force)
+        return Driven(
+            np.ascontiguousarray(states[:, :n]), np.ascontiguousarray(states[:, n:]), between
+        )
+
     def error(self, motion: Driven) -> Array:
-        """Return the residual vibration (count,): modal amplitudes times omega, modal rates."""
-        flexible = self.robot.flexible_indices
-        off = (motion.q[-1] - self._goal)[flexible]
-        return np.asarray(self._observe @ np.concatenate((off, motion.qd[-1][flexible])))
+        """Return what is left (m,): modal amplitudes times omega, modal rates."""
+        off = motion.q[-1] - self._goal
+        return np.asarray(self._observe @ np.concatenate((off, motion.qd[-1])))
 
     def change(
         self, step: float, motion: Driven, drives: tuple[Array, ...]
     ) -> tuple[Array, Array]:
         """Return the derivatives of the residual vibration and of a motion by p parameters.
 
-        Of the error (count, p), and of the free coordinates and their rates at the ends of steps
-        (k, 2 free, p).
+        Of the error (m, p), and of all coordinates and their rates at the ends of steps
+        (k, 2 n, p); joints that are driven by accelerations have none in it.
 
         Parameters
         ----------
         step : float
             s.
         motion : Driven
-        drives : three (k - 1, joints, p) arrays
-            How positions, rates and accelerations of the joints change in the middle of steps.
+        drives : one or three (k - 1, joints, p) arrays
+            How net torques, or positions, rates and accelerations of the joints change in the
+            middle of steps.
 
         Notes
         -----
         The linearization along the motion, by exponentials of its matrix in the middle of steps.
         """
         robot = self.robot
-        joints, free = robot.joint_indices, robot.free_indices
+        joints, n = robot.joint_indices, robot.n
         q, qd = middles(motion, step)
-        of = robot.hybrid_dynamics_derivatives(q, qd, motion.qdd_joints)
-        m, k, p = len(free), len(q), drives[0].shape[-1]
+        if len(drives) == 1:
+            free, force = np.arange(n), np.zeros_like(q)
+            force[:, joints] = motion.between
+            by_q, by_qd, by_force = self.net.forward_dynamics_derivatives(q, qd, force)
+            gained = by_force[:, :, joints] @ drives[0]
+        else:
+            free = robot.free_indices
+            of = robot.hybrid_dynamics_derivatives(q, qd, motion.between)
+            by_q, by_qd = of.dqdd_dq[:, :, free], of.dqdd_dqd[:, :, free]
+            gains = of.dqdd_dq[:, :, joints], of.dqdd_dqd[:, :, joints], of.dqdd_dqdd
+            gained = gains[0] @ drives[0] + gains[1] @ drives[1] + gains[2] @ drives[2]
+        m, k, p = len(free), len(q), gained.shape[-1]
         system = np.zeros((k, 2 * m, 2 * m))
         system[:, :m, m:] = np.eye(m)
-        system[:, m:, :m] = of.dqdd_dq[:, :, free]
-        system[:, m:, m:] = of.dqdd_dqd[:, :, free]
+        system[:, m:, :m], system[:, m:, m:] = by_q, by_qd
         halves = _exponentials(0.5 * step * system)
-        gains = of.dqdd_dq[:, :, joints], of.dqdd_dqd[:, :, joints], of.dqdd_dqdd
         pushed = np.zeros((k, 2 * m, p))
-        pushed[:, m:] = gains[0] @ drives[0] + gains[1] @ drives[1] + gains[2] @ drives[2]
-        pushed *= step
-        states = np.zeros((k + 1, 2 * m, p))
+        pushed[:, m:] = step * gained
+        moved = np.concatenate((free, n + free))
+        states = np.zeros((k + 1, 2 * n, p))
+        here = states[0, moved]
         for node, half in enumerate(halves):
-            states[node + 1] = half @ (half @ states[node] + pushed[node])
-        bends = np.isin(free, robot.flexible_indices)
-        return np.asarray(self._observe @ states[-1][np.tile(bends, 2)]), states
+            here = half @ (half @ here + pushed[node])
+            states[node + 1, moved] = here
+        return np.asarray(self._observe @ states[-1]), states

@@ -205,11 +205,11 @@ def rest_motion(
     start = float(times[0])
 
     def plan(motion: RestMotion) -> Plan:
-        def rows(at: Array, derivative: int = 0) -> Array:
-            return motion.joints(at - start, derivative)
-
-        window = start, start + motion.duration
-        return _plan('rest_to_rest', robot, rows, window, options, parts=motion.basis.rows)
+        t = _even(start, start + motion.duration, options, motion.rows)
+        q, qd = motion.coordinates(t - start)
+        for rows, order in ((q, 0), (qd, 1)):
+            rows[:, robot.joint_indices] = motion.joints(t - start, order)
+        return _of_states('rest_to_rest', robot, t, q, qd, motion.joints(t - start, 2))
 
     stopped = options.cancel if fastest and options.cancel is not None else (lambda: False)
     progress = options.progress or (lambda _share: None)
@@ -275,15 +275,15 @@ def _plan(
     window: tuple[float, float],
     options: ShaperOptions,
     table: ModeTable | None = None,
-    parts: int = 1,
 ) -> Plan:
-    """Return the plan of all coordinates while the joints do a motion, from rest.
+    """Return the plan of all coordinates while the joints do a motion, from rest."""
+    return _simulated(method, robot, motion, _even(*window, options), options.modes, table)
 
-    In steps that are equal shares of as many equal parts.
-    """
-    steps = np.ceil((window[1] - window[0]) / (parts * options.output_step) - 1e-9)
-    t = np.linspace(*window, parts * max(1, int(steps)) + 1)
-    return _simulated(method, robot, motion, t, options.modes, table)
+
+def _even(begin: float, end: float, options: ShaperOptions, parts: int = 1) -> Array:
+    """Return times in steps that are equal shares of as many equal parts."""
+    steps = np.ceil((end - begin) / (parts * options.output_step) - 1e-9)
+    return np.linspace(begin, end, parts * max(1, int(steps)) + 1)
 
 
 def _simulated(
@@ -315,9 +315,13 @@ def _simulated(
         motion(0.5 * (fine[1:] + fine[:-1]), 2),
     )
     q, qd = np.ascontiguousarray(states.q[::parts]), np.ascontiguousarray(states.qd[::parts])
+    return _of_states(method, robot, t, q, qd, motion(t, 2))
+
+
+def _of_states(method: str, robot: Robot, t: Array, q: Array, qd: Array, given: Array) -> Plan:
+    """Return the plan of coordinates and rates (k, n) with accelerations of joints."""
     qdd = np.zeros_like(q)
-    given = motion(t, 2)
-    force, free = own.hybrid_dynamics(q, qd, given)
+    force, free = robot.hybrid_dynamics(q, qd, given)
     qdd[:, robot.joint_indices], qdd[:, robot.free_indices] = given, free
     if len(robot.base_indices):
         require_attitude(robot, q[:, robot.base_indices[ATTITUDE]])

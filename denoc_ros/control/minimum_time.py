@@ -122,6 +122,8 @@ class Part:
         rows z + s = right with s in the cones.
     room : float
         How far below 1 a smaller largest share of the limits is still worth its price.
+    trusted : (t, p) array
+        Further numbers of d that change by the radius of the trust region at most.
     """
 
     scale: Array
@@ -134,6 +136,7 @@ class Part:
     right: Array
     cones: list[object]
     room: float = 0.0
+    trusted: Array | None = None
 
 
 class Objective(Protocol):
@@ -454,15 +457,18 @@ def program(
     level = min(1.0, float(np.abs(shares).max(initial=0.0))) if part.room else 1.0
     near = [side * shares + np.minimum(reach, NEARBY) > level - 2.0 * NEAR for side in (1.0, -1.0)]
     eye = sparse.eye_array(p)
+    trusted = np.zeros((0, p)) if part.trusted is None else part.trusted
     bounds = [
         sparse.hstack([eye, _empty(p, count - p)]),
         sparse.hstack([-eye, _empty(p, count - p)]),
+        sparse.hstack([np.vstack([trusted, -trusted]), _empty(2 * len(trusted), count - p)]),
         sparse.csr_array(([-1.0], ([0], [count - 1])), shape=(1, count)),
         sparse.hstack([part.rows, _empty(len(part.right), 1)]),
     ]
     within = [
         np.minimum(radius, part.most),
         np.minimum(radius, -part.least),
+        np.full(2 * len(trusted), radius),
         np.array([part.room]),
     ]
     quadratic = sparse.csc_array((count, count))

@@ -124,7 +124,7 @@ def _by_products(changed: Array) -> Array:
     first, second = _pairs(len(changed))
     products = changed[first, :, 1 + second] + changed[second, :, 1 + first]
     products[first == second] *= 0.5
-    return np.concatenate([changed[..., 0], products]).T
+    return np.asarray(np.concatenate([changed[..., 0], products]).T)
 
 
 def knows_errors(robot: Robot) -> bool:

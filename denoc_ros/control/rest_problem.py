@@ -10,10 +10,10 @@ import numpy as np
 import scipy.linalg
 import scipy.sparse as sparse
 from numpy.typing import ArrayLike
-from scipy.interpolate import BSpline
+from scipy.interpolate import BSpline, CubicHermiteSpline, PPoly
 
 from denoc_ros.control.driven_joints import DrivenJoints
-from denoc_ros.control.end_swing import Driven, EndSwing, moments_change
+from denoc_ros.control.end_swing import Driven, EndSwing, free_motion, moments_change
 from denoc_ros.control.limit_rows import LimitRows, Moments
 from denoc_ros.control.minimum_time import Part
 from denoc_ros.control.plan import Plan
@@ -22,30 +22,34 @@ from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import SolverError
 from denoc_ros.types import Array, IntArray
 
-PER_SEGMENT = {3: 2, 5: 6}  # moments at which limits are looked at, by the splines' degree
+PER_SEGMENT = {1: 2, 3: 2, 5: 6}  # moments at which limits are looked at, by the splines' degree
 MOMENTS = 1, 160  # of all, at least: with coarse steps and with fine ones
-RAMPS = 8  # of a segment: shares at which accelerations nearly jump
+RAMPS = {1: 4, 3: 8}  # of a segment, by the degree: shares in which a motion nearly jumps
 STEPS = 200  # of the simulated motion, at least
 # of the fastest mode that rests, and of the fastest of all: while unknowns are few, and after
 STEPS_PER_PERIOD = (20.0, 60.0), (10.0, 40.0)
+STEPS_BY_TORQUE, MOMENTS_BY_TORQUE = 20.0, 8.0  # of the fastest mode whose joints are free
 QUIET = 1e-3  # share of the plain motion's swing that counts as rest
 EXACT = 1e-4  # share to which the search brings it
 STANDS = 1e-9  # rad, m: a way that is none
 NEWTON = 10  # steps to rest
 SLOWLY = 0.3  # share of a swing that a step with the derivatives of the motion before leaves
 # durations that the plain motion's mean square of jerk costs in minimum time, without and with
-# jumps
-SMOOTH = 1e-7, 1e-9
+# jumps, and that of the torques' slope
+SMOOTH, SMOOTH_TORQUES = (1e-7, 1e-9), 1e-6
+TURNS = 20.0  # mean square of the slope of a torque that goes once between its limits
 ROBUSTNESS = 2e4  # jerks of the plain motion that all the swing with other frequencies costs
 FIRM, STEADY = 200.0, 1e-4  # price of a share beyond a limit, and least share of the jerk saved
 ROOM = 0.9  # share of the limits that the shortest motion may leave free in a duration
 FASTER = 1.0, 0.9, 0.8, 0.7  # plain motions of which the largest swing is that scale
 PARTS = 16  # of a segment, over which jerks are means
-STEP_OF_JOINTS = 0.3  # scale of a trust region
+STEP_OF_JOINTS, STEP_OF_TORQUES = 0.3, 2.0  # scale of a trust region
+RIDGE = 1e-6  # price of a square of a step of torques
+TRUSTED = 15  # moments on the way at which joints change by that
 
 
 class RestBasis:
-    """B-splines over [0, 1] whose first derivatives are 0 at both ends.
+    """B-splines over [0, 1] whose ends are fixed, and first derivatives 0 there.
 
     Parameters
     ----------
@@ -53,13 +57,21 @@ class RestBasis:
         Equal pieces.
     degree, ends : int
         Of the splines, and how many coefficients are fixed at each end: of degree 5 with 4
-        position, velocity, acceleration and jerk; of degree 3 with 3 all but the jerk.
+        position, velocity, acceleration and jerk; of degree 3 with 3 all but the jerk. Those of
+        degree 1 are of net torques.
     steep : bool
-        Whether each segment begins with a ramp, an eighth of it, from which the spline may bend;
-        the last one ends with one too. So accelerations of degree 3 nearly jump.
+        Whether accelerations or torques nearly jump. Of degree 3, each segment begins with a ramp,
+        an eighth of it, from which the spline may bend, and the last one ends with one too; of
+        degree 1 the first one begins and the last one ends with one, a quarter.
 
     Attributes
     ----------
+    by_torque : bool
+        Whether the splines are of net torques, else of joints.
+    order : int
+        Derivative of the splines that is an acceleration or a torque.
+    inner : array
+        Knots but the ends.
     free : int
         Coefficients of each joint that are free.
     rows : int
@@ -69,21 +81,22 @@ class RestBasis:
     def __init__(self, segments: int, degree: int = 5, ends: int = 4, steep: bool = False) -> None:
         self.segments, self.steep = segments, steep
         self.degree, self._ends = degree, ends
-        self.rows = RAMPS * segments if steep else segments
+        self.by_torque = degree == 1
+        self.order = 0 if self.by_torque else 2
+        ramps = RAMPS[degree] if steep else 1
+        self.rows = ramps * segments
         at = np.arange(1, self.rows)
-        inner = at[(at % RAMPS <= 1) | (at == self.rows - 1)] if steep else at
-        self._knots = np.concatenate((
-            np.zeros(degree + 1),
-            inner / self.rows,
-            np.ones(degree + 1),
-        ))  # fmt: skip
+        bends = at % ramps <= (1 if degree == 3 else 0)
+        inner = at[bends | (at == 1) | (at == self.rows - 1)]
+        self.inner = inner / self.rows
+        self._knots = np.concatenate((np.zeros(degree + 1), self.inner, np.ones(degree + 1)))
         self._count = len(inner) + degree + 1
         self.free = self._count - 2 * ends
 
-    def moments(self, fine: int) -> tuple[int, Array]:
+    def moments(self, least: float) -> tuple[int, Array]:
         """Return nodes for each segment, and the shares at which limits are looked at."""
-        nodes = RAMPS if self.steep else PER_SEGMENT[self.degree]
-        nodes *= max(1, -(-MOMENTS[fine] // (nodes * self.segments)))
+        nodes = RAMPS[self.degree] if self.steep else PER_SEGMENT[self.degree]
+        nodes *= max(1, int(np.ceil(least / (nodes * self.segments))))
         return nodes, np.linspace(0.0, 1.0, nodes * self.segments + 1)
 
     def design(self, shares: ArrayLike, derivative: int = 0) -> Array:
@@ -97,6 +110,12 @@ class RestBasis:
         last = columns[:, -self._ends :].sum(axis=1)
         return np.asarray(np.outer(first, start) + np.outer(last, end))
 
+    def spline(self, free: Array, start: Array, end: Array, duration: float) -> BSpline:
+        """Return the spline (joints,) of the time [s] with free coefficients (free, joints)."""
+        ends = np.ones((self._ends, 1))
+        rows = np.vstack([ends * start, free, ends * end])
+        return BSpline(duration * self._knots, rows, self.degree)
+
     def _columns(self, shares: ArrayLike, derivative: int) -> Array:
         moments = np.asarray(shares, dtype=np.float64)
         inside = np.clip(moments, 0.0, 1.0)
@@ -105,6 +124,9 @@ class RestBasis:
         if derivative:
             columns[inside != moments] = 0.0
         return columns
+
+
+Places = list[tuple[Array, Array]]  # designs and fixed parts of splines, by derivative
 
 
 @dataclass(frozen=True)
@@ -139,24 +161,33 @@ class RestMotion:
         All coordinates (k, n), their rates, and the joints' accelerations between.
     left : float
         Share of the plain motion's swing that is left.
+    rows : int
+        Equal parts of the duration at whose ends accelerations bend.
     """
 
     duration: float
     t: Array
     states: Driven
     left: float
-    basis: RestBasis
-    coefficients: Array  # (free, driven)
-    start: Array  # (driven,)
-    end: Array
+    rows: int
+    spline: BSpline | PPoly  # (driven,) of the time
     driven: DrivenJoints
 
     def joints(self, times: ArrayLike, derivative: int = 0) -> Array:
         """Return the joints' motion (k, joints), or a derivative of it, held outside."""
-        shares = np.asarray(times) / self.duration
-        rows = self.basis.design(shares, derivative) @ self.coefficients
-        rows += self.basis.fixed(self.start, self.end, shares, derivative)
-        return self.driven.all(rows / self.duration**derivative, derivative)
+        at = np.asarray(times, dtype=np.float64)
+        inside = np.clip(at, 0.0, self.duration)
+        rows = np.array(self.spline(inside, derivative))
+        if derivative in (1, 2):  # at rest at both ends, exactly
+            rows[(at <= 0.0) | (at >= self.duration)] = 0.0
+        elif derivative:
+            rows[inside != at] = 0.0
+        return self.driven.all(rows, derivative)
+
+    def coordinates(self, times: Array) -> tuple[Array, Array]:
+        """Return all coordinates and their rates (k, n) at times within the motion."""
+        spline = CubicHermiteSpline(self.t, self.states.q, self.states.qd)
+        return spline(times), spline(times, 1)
 
 
 @dataclass(frozen=True)
@@ -181,8 +212,8 @@ class _Change:
     ----------
     errors : arrays (m, p)
         Of each robot's residual vibration.
-    states : (k, 2 free, p) array
-        Of the free coordinates and their rates at the ends of steps.
+    states : (k, 2 n, p) array
+        Of all coordinates and their rates at the ends of steps.
     back : (p, m) array
         The smoothest change of coefficients for a residual vibration.
     """
@@ -211,19 +242,21 @@ class RestCost:
             least,
             most,
             gradient * scale / unit,
-            hessian * scale * scale[:, None] / unit,
+            hessian * scale * scale[:, None] / unit + problem.ridge * np.eye(len(c)),
             here.cost / unit,
             sparse.csr_array(own * scale / size[:, None]),
             -here.errors[0] / size,
             [clarabel.ZeroConeT(len(size))],
             0.0 if problem.gentle else ROOM,
+            problem.trusted(here) * scale,
         )
 
 
 class RestProblem:
     """Motions in a duration that end at rest (see :class:`MinimumTimeProblem`).
 
-    Coefficients are those of the splines, joint by joint, and the duration, which no program
+    Coefficients are those of the splines of joints, or of their net torques without Coulomb
+    friction, joint by joint, and the duration, which no program
     changes: the phases of fast modes turn with it, while in one duration a motion is nearly
     linear. Every solution is at rest at its end. Waypoints are passed where the tip is nearest.
 
@@ -240,7 +273,7 @@ class RestProblem:
     modes, waypoints, check
         As of :func:`rest_to_rest`.
     scale : (driven,) array
-        Of the joints' jerks.
+        Of the joints' jerks, or their torques.
 
     Attributes
     ----------
@@ -266,8 +299,17 @@ class RestProblem:
         self.waypoints, self._check = waypoints, check
         self.to_plan: Callable[[RestMotion], Plan]
         first, last = (driven.all(each) for each in postures)
-        self.swings = [EndSwing(each, first, last, modes) for each in robots]
+        self._by_torque, self._scale = basis.by_torque, scale
+        self.swings = [EndSwing(each, first, last, modes, self._by_torque) for each in robots]
+        # of the splines: the joints, or the torques that hold them
+        self._ends = postures
+        if self._by_torque:
+            self._ends = self._held(first), self._held(last)
+            self._holding = np.ravel(
+                [np.interp(basis.inner, [0.0, 1.0], e) for e in zip(*self._ends, strict=True)]
+            )
         self.fastest = float(ringing_modes(self.robot, last, modes).frequencies.max())
+        self._free = free_motion(self.robot, last)[0] if self._by_torque else 0.0
         self._all = fastest_mode(self.robot, last, self.fastest)
         count = 0 if waypoints is None else len(waypoints.postures)
         self.names = rows.names + tuple(
@@ -281,19 +323,25 @@ class RestProblem:
         eye = np.eye(self._splines)
         even = self._hessian + 1e-13 * float(np.trace(self._hessian)) / self._splines * eye
         self._smooth = scipy.linalg.cho_factor(even)
-        self._plain_jerk = max(self.jerk(self.plain(1.0)), 1e-12)
+        self._plain_jerk = TURNS * len(scale)
+        if not self._by_torque:
+            self._plain_jerk = max(self.jerk(self.plain(1.0)), 1e-12)
         self._goals = self._places()
         self.longer = not gentle
         self.size = self.swing = 1.0
+        self.ridge = RIDGE if self._by_torque else 0.0
 
     def refine(self, duration: float, fine: int) -> None:
         """Take steps for a duration [s]: coarse (0) or fine (1) ones."""
-        each, self._look = self.basis.moments(fine)
+        turns = self._free * duration  # of the fastest mode that torques excite
+        each, self._look = self.basis.moments(max(MOMENTS[fine], MOMENTS_BY_TORQUE * turns))
         nodes = each * self.basis.segments
         rests, every = (each[fine] for each in STEPS_PER_PERIOD)
         # splines excite modes little that are faster than their segments
         excited = min(self._all * duration, self.basis.segments)
         steps = max(STEPS, rests * self.fastest * duration, every * excited)
+        if self._by_torque:
+            steps = max(STEPS, STEPS_BY_TORQUE * turns)
         self._every = int(np.ceil(steps / nodes))
         self.count = nodes * self._every
         self.shares = np.linspace(0.0, 1.0, self.count + 1)
@@ -302,16 +350,25 @@ class RestProblem:
         # of positions, rates and accelerations: at the ends of steps, in their middle, at moments
         self._at_ends, self._between, self._at_moments = (
             [
-                (self.basis.design(shares, k), self.basis.fixed(*self.postures, shares, k))
-                for k in range(3)
+                (self.basis.design(shares, k), self.basis.fixed(*self._ends, shares, k))
+                for k in range(self.basis.order + 1)
             ]
             for shares in (self.shares, middle, self._look)
         )
+        if self._by_torque:
+            return
         sizes = [
             float(np.linalg.norm(self.run(self.plain(share * duration)).errors[0]))
             for share in FASTER
         ]
         self.size, self.swing = max(sizes[0], 1e-9), max(*sizes, 1e-9)
+
+    def _held(self, posture: Array) -> Array:
+        """Return the driven joints' torques (driven,) at rest in a posture of all joints."""
+        rest = self.robot.static_deflection(posture)
+        still = np.zeros_like(rest)
+        force = self.robot.inverse_dynamics(rest, still, still)[self.robot.joint_indices]
+        return self.driven.torque(force)
 
     def _lengths(self) -> Array:
         """Return how far each joint goes [rad, m], at least a tenth of the farthest."""
@@ -333,8 +390,8 @@ class RestProblem:
             steps = np.diff(rows, axis=0, prepend=rest, append=rest)
             return np.asarray(np.sqrt(count) * steps)
 
-        design = np.kron(np.diag(1.0 / scale), slopes(self.basis.design(shares, 2)))
-        fixed = slopes(self.basis.fixed(*self.postures, shares, 2)) / scale
+        design = np.kron(np.diag(1.0 / scale), slopes(self.basis.design(shares, self.basis.order)))
+        fixed = slopes(self.basis.fixed(*self._ends, shares, self.basis.order)) / scale
         right = fixed.T.ravel()
         return design.T @ design, design.T @ right, 0.5 * float(right @ right)
 
@@ -385,7 +442,8 @@ class RestProblem:
         """Return the prices of a jerk, and of a swing's square."""
         if self.gentle:
             return 1.0 / self._plain_jerk, ROBUSTNESS / self.swing**2
-        return SMOOTH[self.basis.steep] / self._plain_jerk, 0.0
+        price = SMOOTH_TORQUES if self._by_torque else SMOOTH[self.basis.steep]
+        return price / self._plain_jerk, 0.0
 
     def _cost(self, x: Array, errors: tuple[Array, ...]) -> float:
         smooth, quiet = self._prices()
@@ -407,10 +465,19 @@ class RestProblem:
 
     def region(self, x: Array) -> tuple[Array, Array, Array]:
         """Return scales of coefficients, and bounds of their changes over these."""
-        scale = np.append(np.repeat(STEP_OF_JOINTS * self._way, self.basis.free), 1.0)
+        each = STEP_OF_TORQUES * self._scale if self._by_torque else STEP_OF_JOINTS * self._way
+        scale = np.append(np.repeat(each, self.basis.free), 1.0)
         most = np.full(len(x), np.inf)
         most[-1] = 0.0
         return scale, -most, most
+
+    def trusted(self, here: TimedRest) -> Array:
+        """Return how joints change on the way under torques (t, p), over their steps."""
+        if not self._by_torque:
+            return np.zeros((0, self._count))
+        at = np.linspace(0, self.count, TRUSTED + 2).astype(np.int64)[1:-1]
+        moved = self.change(here).states[at][:, self.robot.joint_indices]
+        return np.concatenate(moved / (STEP_OF_JOINTS * self._way)[:, None])
 
     def shares_at(self, found: TimedRest, here: TimedRest) -> Array:
         """Return the shares (k, r) of a motion: its rows are at the same shares of time."""
@@ -427,19 +494,28 @@ class RestProblem:
         return self.lasting(coefficients, factor * coefficients[-1])
 
     def lasting(self, coefficients: Array, duration: float) -> Array:
-        """Return the coefficients with another duration [s]."""
+        """Return the coefficients of a like motion in another duration [s]."""
         other: Array = np.array(coefficients)
+        if self._by_torque:  # what accelerates a stiff arm grows with the square of the pace
+            other[:-1] -= self._holding
+            other[:-1] *= (other[-1] / duration) ** 2
+            other[:-1] += self._holding
         other[-1] = duration
         return other
 
     def near(self, other: RestProblem, x: Array) -> Array:
         """Return the coefficients of the motion of a problem with other splines."""
-        shares = np.linspace(0.0, 1.0, RAMPS * self.basis.segments + 1)[1:-1]
-        rows = other.basis.design(shares) @ other.shaped(x)
-        rows += other.basis.fixed(*self.postures, shares)
-        wanted = rows - self.basis.fixed(*self.postures, shares)
-        found = np.linalg.lstsq(self.basis.design(shares), wanted)[0]
-        return np.concatenate([found.T.ravel(), x[other._splines :]])
+        found = other.run(x)
+        shares = other.shares
+        rows = found.motion.q[:, self.robot.joint_indices]
+        if self._by_torque:
+            at = other._at_steps(found)
+            given = np.ascontiguousarray(at.qdd[:, self.robot.joint_indices])
+            rows, _ = self.swings[0].net.hybrid_dynamics(at.q, at.qd, given)
+            self.size, self.swing = other.size, other.swing
+        wanted = rows[:, self.driven.places] - self.basis.fixed(*self._ends, shares)
+        fitted = np.linalg.lstsq(self.basis.design(shares), wanted)[0]
+        return np.append(fitted.T.ravel(), found.duration)
 
     def shaped(self, x: Array) -> Array:
         """Return the splines' coefficients (free, driven)."""
@@ -448,21 +524,17 @@ class RestProblem:
     def run(self, x: Array) -> TimedRest:
         """Return the motion with coefficients, whatever rings at its end."""
         self._check()
-        duration, c = float(x[-1]), self.shaped(x)
-
-        def joints(places: list[tuple[Array, Array]], order: int) -> Array:
-            design, fixed = places[order]
-            return self.driven.all((design @ c + fixed) / duration**order, order)
-
-        q, qd = (joints(self._at_ends, order) for order in range(2))
-        between = joints(self._between, 2)
+        duration, swings = float(x[-1]), self.swings
         step = duration / self.count
-        motions = [swing.run(step, q, qd, between) for swing in self.swings]
-        errors = tuple(
-            swing.error(motion) for swing, motion in zip(self.swings, motions, strict=True)
-        )
+        between = self._rows(x, self._between)
+        if self._by_torque:
+            motions = [swing.run_by_torque(step, between) for swing in swings]
+        else:
+            q, qd = (self._rows(x, self._at_ends, order) for order in range(2))
+            motions = [swing.run(step, q, qd, between) for swing in swings]
+        errors = tuple(swing.error(motion) for swing, motion in zip(swings, motions, strict=True))
         own = motions[0]
-        at = self._moments(own.q[self._nodes], own.qd[self._nodes], joints(self._at_moments, 2))
+        at = self._moments(x, own.q[self._nodes], own.qd[self._nodes], self._at_moments)
         shares = self.rows.values(at, step * self._every)
         shares = shares * self.rows.narrowed(self._look)
         passed = np.zeros((len(shares), 3 * len(self._goals)))
@@ -478,9 +550,27 @@ class RestProblem:
             errors,
         )
 
-    def _moments(self, q: Array, qd: Array, given: Array) -> Moments:
-        robot = self.robot
+    def _rows(self, x: Array, places: Places, order: int | None = None) -> Array:
+        """Return a derivative of the splines (k, joints): by default what drives the joints."""
+        order = self.basis.order if order is None else order
+        design, fixed = places[order]
+        rows = (design @ self.shaped(x) + fixed) / x[-1] ** order
+        return self.driven.all(rows, order) if not self._by_torque else rows
+
+    def _forces(self, x: Array, places: Places) -> Array:
+        """Return the net torques among the forces of all coordinates (k, n)."""
+        rows = self._rows(x, places)
+        forces = np.zeros((len(rows), self.robot.n))
+        forces[:, self.robot.joint_indices] = rows
+        return forces
+
+    def _moments(self, x: Array, q: Array, qd: Array, places: Places) -> Moments:
+        """Return a motion (k, n) with its accelerations and torques."""
+        robot, given = self.robot, self._rows(x, places)
         q, qd = np.ascontiguousarray(q), np.ascontiguousarray(qd)
+        if self._by_torque:
+            forces = self._forces(x, places)
+            given = self.swings[0].net.forward_dynamics(q, qd, forces)[:, robot.joint_indices]
         force, free = robot.hybrid_dynamics(q, qd, given)
         qdd = np.zeros_like(q)
         qdd[:, robot.joint_indices], qdd[:, robot.free_indices] = given, free
@@ -543,13 +633,16 @@ class RestProblem:
 
     def _changed(self, here: TimedRest) -> _Change:
         motion, step = here.motion, here.duration / self.count
-        joints = self.robot.joint_indices
+        joints, n = self.robot.joint_indices, self.robot.n
         drives = self._drives(self._between, here.duration)
         error, states = self.swings[0].change(step, motion, drives)
+        if not self._by_torque:
+            moved = self._drives(self._at_ends, here.duration)
+            states[:, joints], states[:, n + joints] = moved[:2]
         errors = [error]
         q, qd = motion.q[:, joints], motion.qd[:, joints]
         for swing in self.swings[1:]:
-            other = swing.run(step, q, qd, motion.qdd_joints)
+            other = swing.run(step, q, qd, motion.between)
             errors.append(swing.change(step, other, drives)[0])
         by = error[:, : self._splines]
         towards = scipy.linalg.cho_solve(self._smooth, by.T)
@@ -557,10 +650,11 @@ class RestProblem:
         back[: self._splines] = towards @ np.linalg.pinv(by @ towards, rcond=1e-10, hermitian=True)
         return _Change(tuple(errors), states, back)
 
-    def _drives(
-        self, places: list[tuple[Array, Array]], duration: float
-    ) -> tuple[Array, Array, Array]:
-        """Return how positions, rates and accelerations of all joints (k, joints, p) change."""
+    def _drives(self, places: Places, duration: float) -> tuple[Array, ...]:
+        """Return how all joints' torques, or motion and its derivatives, change.
+
+        Each (k, joints, p).
+        """
         drives = []
         for order, (design, _) in enumerate(places):
             whole = np.zeros((len(design), len(self.driven.ties), self._count))
@@ -568,49 +662,61 @@ class RestProblem:
                 'ji,kf->kjif', self.driven.ties, design / duration**order
             ).reshape(len(design), len(self.driven.ties), -1)
             drives.append(whole)
-        return drives[0], drives[1], drives[2]
+        return tuple(drives)
 
     def jacobian(self, solution: TimedRest) -> Array:
         """Return the derivatives (k r, p) of the shares, row by row."""
         by = self.change(solution)
-        robot, p, step = self.robot, self._splines, solution.duration / self.count
-        drives = self._drives(self._at_moments, solution.duration)
-        moments = moments_change(robot, solution.at, drives, by.states[self._nodes])
+        robot, step = self.robot, solution.duration / self.count
+        drive = self._drives(self._at_moments, solution.duration)[-1]
+        states, at = by.states[self._nodes], solution.at
+        if self._by_torque:
+            joints, forces = (
+                robot.joint_indices,
+                self._forces(solution.coefficients, self._at_moments),
+            )
+            of = self.swings[0].net.forward_dynamics_derivatives(at.q, at.qd, forces)
+            q, qd = np.split(states, 2, axis=1)
+            own, other, by_force = (each[:, joints] for each in of)
+            drive = own @ q + other @ qd + by_force[:, :, joints] @ drive
+        moments = moments_change(robot, at, drive, states)
         moments = moments._replace(torque=self.driven.ties.T @ moments.torque)
         rows = self.rows.changes(solution.at, step * self._every, moments)
         rows *= self.rows.narrowed(self._look)[:, :, None]
         passed = np.zeros((len(rows), 3 * len(self._goals), self._count))
         if len(self._goals):
             _, gain, steps = self._passed(solution.motion)
-            dq = np.zeros((len(steps), robot.n, self._count))
-            free = robot.free_indices
-            dq[:, free] = by.states[steps, : len(free)]
-            designs = np.einsum('ji,wf->wjif', self.driven.ties, self._at_ends[0][0][steps])
-            dq[:, robot.joint_indices, :p] = designs.reshape(len(steps), -1, p)
+            dq = by.states[steps, : robot.n]
             passed[0] = np.einsum('wn,wnp->wp', gain, np.repeat(dq, 3, axis=0))
         return np.concatenate([rows, passed], axis=1).reshape(-1, self._count)
 
     def motion(self, found: TimedRest) -> RestMotion:
         """Return a motion that was found."""
         times, shaped = self.shares * found.duration, self.shaped(found.coefficients)
+        if self._by_torque:
+            at, joints = self._at_steps(found), self.robot.joint_indices[self.driven.places]
+            spline = _spline_of(times, at.qd[:, joints], at.qdd[:, joints], *self.postures)
+        else:
+            spline = self.basis.spline(shaped, *self.postures, found.duration)
         return RestMotion(
             found.duration,
             times,
             found.motion,
             self.left(found),
-            self.basis,
-            shaped,
-            *self.postures,
+            self.basis.rows,
+            spline,
             self.driven,
         )
 
     def look(self, found: TimedRest) -> tuple[Array, Array]:
         """Return the ends of all steps, as shares (k,) of the duration, and the limits' there."""
         duration = found.duration
-        design, fixed = self._at_ends[2]
-        given = (design @ self.shaped(found.coefficients) + fixed) / duration**2
-        at = self._moments(found.motion.q, found.motion.qd, self.driven.all(given, 2))
+        at = self._at_steps(found)
         return self.shares, self.rows.values(at, duration / self.count)
+
+    def _at_steps(self, found: TimedRest) -> Moments:
+        """Return a motion at the ends of its steps."""
+        return self._moments(found.coefficients, found.motion.q, found.motion.qd, self._at_ends)
 
     def plan(self, found: TimedRest) -> Plan:
         """Return the plan of a motion, in finer steps."""
@@ -623,6 +729,27 @@ class RestProblem:
 
 # of limits that LimitRows takes by differences in time, their order
 DIFFERENCES = {'jerk': 1, 'effort_rate': 1, 'tip_speed': 1, 'tip_acceleration': 2}
+
+
+def _spline_of(t: Array, qd: Array, qdd: Array, start: Array, end: Array) -> PPoly:
+    """Return the spline of joints from rates and accelerations (k, joints) at times.
+
+    What these miss of the end at rest is spread over the motion.
+    """
+    share, T = (t / t[-1])[:, None], t[-1]
+    smooth, slope = (
+        share**3 * (10.0 - 15.0 * share + 6.0 * share**2),
+        share**2 * (1.0 - share) ** 2,
+    )
+    qd, qdd = qd - smooth * qd[-1], qdd - 30.0 * slope / T * qd[-1]
+    qdd[-1] = 0.0
+    bend = share * (1.0 - share) * (1.0 - 2.0 * share)
+    for _ in range(3):
+        spline = CubicHermiteSpline(t, qd, qdd).antiderivative()
+        off = 30.0 * (end - start - spline(T)) / T
+        qd, qdd = qd + slope * off, qdd + 2.0 * bend / T * off
+    spline.c[-1] += start
+    return spline
 
 
 def _nearest(squares: Array) -> IntArray:

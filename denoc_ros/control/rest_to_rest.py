@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from denoc_ros.control.driven_joints import DrivenJoints
+from denoc_ros.control.end_swing import free_motion
 from denoc_ros.control.joint_limits import JointLimits, joint_limits
 from denoc_ros.control.limit_rows import LimitRows, Moments, PlanLimits
 from denoc_ros.control.minimum_time import (
@@ -42,8 +43,11 @@ SEGMENTS_PER_PERIOD = 3.0  # of the fastest mode that is to rest
 LEAST_FINE = 40  # coefficients of a joint in minimum time, at least
 UNKNOWNS = 240  # of all splines there, at least; a joint has 120 at most
 FINEST = 120
+SMOOTH = {'acceleration', 'jerk', 'tip_acceleration'}  # limits that take accelerations as unknowns
+JUMPING = {'position', 'velocity', 'acceleration', 'effort'}  # and where these may jump
 RESOLVED = 0.8  # segments in a period of the fastest mode, where accelerations may jump
-JUMPING = 'position', 'velocity', 'acceleration', 'effort'  # limits where accelerations may jump
+LOST = 1.03  # times the rough search's duration where torques do not shorten it
+PERIODS, GROWTH = 200.0, 6.0  # of free modes and of a fall, in a motion by torques
 ROUNDS = 30  # of the smoothest motion
 DURATIONS, LEAST, HOLD = 40, 15, 16  # that are tried, at least, and more where they stay
 LATELY, STILL = 8, 4e-3  # durations that differ by such a share: they save little more
@@ -168,8 +172,12 @@ class RestSearch:
         wanted = int(np.ceil(SEGMENTS_PER_PERIOD * fastest * duration))
         return RestBasis(min(max(wanted, SEGMENTS[0]), SEGMENTS[1]))
 
-    def _problem(self, basis: RestBasis, gentle: bool) -> RestProblem:
+    def _problem(
+        self, basis: RestBasis, gentle: bool, torques: Array | None = None
+    ) -> RestProblem:
+        """Return the problem with splines of joints, or of torques of a size (driven,)."""
         limits = self.limits.joints.of(self.driven.places)
+        scale = np.where(np.isfinite(limits.acceleration), limits.acceleration, 1.0)
         return RestProblem(
             self.robots if gentle else self.robots[:1],
             self.driven,
@@ -178,7 +186,7 @@ class RestSearch:
             basis,
             gentle,
             self.modes,
-            np.where(np.isfinite(limits.acceleration), limits.acceleration, 1.0),
+            scale if torques is None else torques,
             self.waypoints,
             self.check,
         )
@@ -235,13 +243,37 @@ class RestSearch:
             rough, first, lambda share: progress(0.4 * share), stopped, DURATIONS, ROUGH
         )
         steep = self._may_jump(found.solution.duration / segments)
-        basis = RestBasis(segments if steep else 2 * segments, 3, 3, steep)
-        problem = self._problem(basis, False)
-        problem.refine(found.solution.duration, 1)
-        start = problem.near(rough, found.coefficients)
-        return problem, quickest(
-            problem, start, lambda share: progress(0.4 + 0.6 * share), stopped, DURATIONS
-        )
+        bases = [RestBasis(segments if steep else 2 * segments, 3, 3, steep)]
+        if self._by_torque(found.solution.duration):
+            bases.insert(0, RestBasis(2 * segments, 1, 1, 'effort_rate' not in self._limited))
+        effort = self.limits.joints.of(self.driven.places).effort
+        needed = np.minimum(effort, np.abs(found.solution.at.torque).max(axis=0))
+        best: tuple[RestProblem, Found[TimedRest]] | None = None
+        for basis in bases:
+            problem = self._problem(basis, False, needed if basis.by_torque else None)
+            problem.refine(found.solution.duration, 1)
+            start = problem.near(rough, found.coefficients)
+            try:
+                fine = quickest(
+                    problem,
+                    start,
+                    lambda share: progress(0.4 + 0.6 * share),
+                    stopped,
+                    DURATIONS,
+                    longest=LOST * found.solution.duration if basis.by_torque else np.inf,
+                )
+            except CancelledError:
+                raise
+            except SolverError as error:
+                failure = error
+                continue
+            if best is None or fine.solution.duration < best[1].solution.duration:
+                best = problem, fine
+            if fine.solution.duration <= found.solution.duration:
+                break  # else the search was lost in the fast modes that torques excite
+        if best is None:
+            raise failure
+        return best
 
     def _stretched(self, seconds: float) -> tuple[RestProblem, Found[TimedRest]]:
         """Return the plain motion at rest, so much slower than a duration [s] as it must be."""
@@ -259,18 +291,37 @@ class RestSearch:
             seconds *= longer
         raise problem.failure(seconds, 'the limits are passed')
 
+    @property
+    def _limited(self) -> set[str]:
+        """The quantities that have limits."""
+        return {name.split()[0] for name in self.rows.names}
+
+    def _by_torque(self, duration: float) -> bool:
+        """Say whether the shortest motion has net torques as its unknowns, else accelerations.
+
+        Where each joint has a rotor's inertia and a limit of effort, and none of an acceleration
+        or a jerk, steps can resolve all modes with free joints, and the robot falls little in the
+        duration [s]. Joints without inertia of their own would swing with the fastest modes.
+        """
+        robot, effort = self.robots[0], self.limits.joints.of(self.driven.places).effort
+        smooth = self._limited & SMOOTH or robot.constraint_names
+        rotors = robot.armature[robot.joint_indices]
+        if smooth or not (np.isfinite(effort).all() and rotors.all()):
+            return False
+        for posture in self.postures:
+            fastest, growth = free_motion(robot, self.driven.all(posture))
+            if fastest * duration > PERIODS or growth * duration > GROWTH:
+                return False
+        return True
+
     def _may_jump(self, segment: float) -> bool:
         """Say whether accelerations may jump between segments [s].
 
         Where only joints have limits, none of them on a jerk or an effort rate, and segments
         resolve the modes that it excites.
         """
-        if any(name.split()[0] not in JUMPING for name in self.rows.names):
-            return False
-        robot = self.robots[0]
-        end = robot.static_deflection(self.driven.all(self.postures[1]))
-        fastest = float(robot.natural_frequencies(end, held=False).max())
-        return RESOLVED * fastest * segment <= 1.0
+        fastest, _ = free_motion(self.robots[0], self.driven.all(self.postures[1]))
+        return self._limited <= JUMPING and RESOLVED * fastest * segment <= 1.0
 
     def _begin(self, problem: RestProblem) -> Array:
         """Return the plain motion, so slow that it keeps its limits."""
@@ -292,13 +343,15 @@ def quickest(
     stopped: Callable[[], bool],
     durations: int,
     close: tuple[float, float] = CLOSE,
+    longest: float = np.inf,
 ) -> Found[TimedRest]:
     """Return the motion in the shortest duration that was found (see :func:`shortest`).
 
     In one duration after the other a program says how little of the limits is needed at least.
     That falls with a power of the duration, by which the next one is chosen. The last one is a
     share `close` from the one before, with that share beyond the limits. Where durations save
-    little, steps in a slightly longer one bring the motion within the limits.
+    little, steps in a slightly longer one bring the motion within the limits. A search that comes
+    to a duration beyond the longest [s] is lost.
     """
     best: Found[TimedRest] | None = None
     here: TimedRest | None = None
@@ -330,14 +383,19 @@ def quickest(
             here, jacobian = there, problem.jacobian(there)
         objective, c = problem.program(here), here.coefficients
         step = program(objective, here, jacobian, c, radius, problem.price)
-        if step is None:
-            break
+        if step is None:  # the program's numbers were too far apart
+            radius, last = radius * NEARER, here.duration
+            if radius < NARROW:
+                break
+            continue
         x, _, gains, _ = step
         needed = float(np.abs(here.shares.ravel() + jacobian @ (x - c)).max())
         if last and abs(np.log(last / here.duration)) > APART:
             estimate = float(np.log(most / needed) / np.log(here.duration / last))
             power = estimate if POWERS[0] <= estimate <= POWERS[1] else power
         last, most = here.duration, needed
+        if last > longest:
+            raise problem.failure(last, 'the search does not shorten its motion')
         tried.append(last)
         longer = needed ** (1.0 / power)
         settled = abs(longer - 1.0) <= close[0] and excess(here) <= close[1]

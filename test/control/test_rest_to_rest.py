@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from numpy.typing import ArrayLike
+from planar_chains import FLEXIBLE, planar_chain
 from shaped_runs import cycloid, simulated_swing, swing_after
 
 import denoc_ros as dn
@@ -13,6 +15,14 @@ from denoc_ros.control.rest_to_rest import rest_to_rest
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import SolverError, StateError
 from denoc_ros.types import Array
+
+ROBUST = 0.1
+WAY = [0.0], [0.5]
+
+
+def one_link() -> Robot:
+    robot = dn.load_robot(planar_chain((FLEXIBLE,)), gravity=(0, 0, 0))
+    return robot.with_overrides({'joint.joint_1.armature': 0.2})
 
 
 def two_links(gravity: tuple[float, float, float] = (0, 0, 0)) -> Robot:
@@ -91,14 +101,14 @@ def test_robust_motion_leaves_less_where_frequencies_are_off() -> None:
 
 
 def test_shortest_motion_is_shorter_than_any_that_was_tried() -> None:
-    robot = two_links()
+    robot = one_link()
     limits = joint_limits(robot, velocity=2.0, acceleration=10.0)
-    motion = rest_to_rest(robot, (0, 0), (0.5, 0.5), limits=limits)
+    motion = rest_to_rest(robot, *WAY, limits=limits)
     rows = [motion.joints(motion.t, order) for order in range(3)]
     assert (np.abs(rows[1]).max(axis=0) <= 1.005 * limits.velocity).all()
     assert (np.abs(rows[2]).max(axis=0) <= 1.005 * limits.acceleration).all()
     with pytest.raises(SolverError, match=r'rest to rest in .* must be possible, got none'):
-        rest_to_rest(robot, (0, 0), (0.5, 0.5), motion.duration / 1.05, limits)
+        rest_to_rest(robot, *WAY, motion.duration / 1.05, limits)
 
 
 @pytest.mark.parametrize('way', [0.0, 1e-16])
@@ -154,33 +164,51 @@ def test_search_can_be_ended() -> None:
         rest_to_rest(two_links(), (0, 0), (1, 1), 1.0, check=check)
 
 
-ROBUST = 0.1
+def ask(duration: float | None = None) -> RestMotion:
+    """Return a motion of one link within 100 N m."""
+    robot = one_link()
+    limits = joint_limits(robot, effort=100.0)
+    return rest_to_rest(robot, *WAY, duration, limits, robustness=ROBUST)
 
 
 @pytest.fixture(scope='module')
 def swift() -> RestMotion:
-    """Return the shortest motion within the efforts of the description."""
-    return rest_to_rest(two_links(), (0, 0), (0.5, 0.5), robustness=ROBUST)
+    """Return the shortest motion within the effort."""
+    return ask()
 
 
-@pytest.mark.parametrize('longer', [1.0, 1.1, 1.7, 2.19])
-def test_a_duration_that_another_way_takes_has_a_motion(swift: RestMotion, longer: float) -> None:
-    """Of these 0.93 s was refused, though a motion of 0.42 s was known: the robot may wait."""
-    robot, duration = two_links(), longer * swift.duration
-    motion = rest_to_rest(robot, (0, 0), (0.5, 0.5), duration, robustness=ROBUST)
-    assert motion.duration == duration
+def require_efforts(robot: Robot, motion: RestMotion, effort: ArrayLike) -> None:
+    """Require that a motion keeps its efforts and rests at its end."""
     rows = motion.joints(motion.t, 2)
     torque, _ = robot.hybrid_dynamics(motion.states.q, motion.states.qd, rows)
-    assert (np.abs(torque).max(axis=0) <= 1.005 * joint_limits(robot).effort).all()
+    assert (np.abs(torque).max(axis=0) <= 1.005 * np.asarray(effort)).all()
     assert motion.left <= 1e-3
 
 
+@pytest.mark.parametrize('longer', [1.0, 1.1, 1.7])
+def test_a_duration_that_another_way_takes_has_a_motion(swift: RestMotion, longer: float) -> None:
+    duration = longer * swift.duration
+    motion = ask(duration)
+    assert motion.duration == duration
+    require_efforts(one_link(), motion, 100.0)
+
+
+def test_a_duration_of_more_than_twice_the_shortest_has_a_motion() -> None:
+    """It was refused, though a motion of 0.42 s was known: the robot may wait."""
+    robot, duration = two_links(), 0.93
+    motion = rest_to_rest(robot, (0, 0), (0.5, 0.5), duration, robustness=ROBUST)
+    assert motion.duration == duration
+    require_efforts(robot, motion, joint_limits(robot).effort)
+
+
 def test_a_motion_by_narrower_limits_is_one_within_the_wider_ones() -> None:
-    robot = two_links()
-    narrow = joint_limits(robot, acceleration=80.0)
-    found = rest_to_rest(robot, (0, 0), (0.5, 0.5), limits=narrow)
-    for robustness in (0.0, 0.1):
-        wide = rest_to_rest(robot, (0, 0), (0.5, 0.5), found.duration, robustness=robustness)
+    robot = one_link()
+    narrow = joint_limits(robot, effort=100.0, acceleration=40.0)
+    found = rest_to_rest(robot, *WAY, limits=narrow)
+    for robustness in (0.0, ROBUST):
+        wide = rest_to_rest(
+            robot, *WAY, found.duration, joint_limits(robot, effort=100.0), robustness=robustness
+        )
         assert wide.duration == found.duration
 
 
@@ -190,11 +218,10 @@ def test_a_refusal_names_the_shortest_duration_that_was_found(
 ) -> None:
     """It said "a longer duration has one" of whatever was refused."""
     with pytest.raises(SolverError, match='the shortest motion that was found takes') as refused:
-        rest_to_rest(two_links(), (0, 0), (0.5, 0.5), share * swift.duration, robustness=ROBUST)
+        ask(share * swift.duration)
     shortest = float(str(refused.value).split('takes ')[1].removesuffix(' s'))
     assert shortest == pytest.approx(swift.duration, rel=0.05)
-    again = rest_to_rest(two_links(), (0, 0), (0.5, 0.5), 1.001 * shortest, robustness=ROBUST)
-    assert again.duration > share * swift.duration
+    assert ask(1.001 * shortest).duration > share * swift.duration
 
 
 def test_postures_that_no_effort_holds_are_named() -> None:

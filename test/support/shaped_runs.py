@@ -43,18 +43,24 @@ def _largest(robot: Robot, states: Array, end: Array, frame: str) -> float:
 
 
 def swing_after(
-    robot: Robot, t: Array, q: Array, frame: str, watch: float = 1.5, since: float | None = None
+    robot: Robot,
+    t: Array,
+    q: Array,
+    frame: str,
+    watch: float = 1.5,
+    since: float | None = None,
+    step: float = STEP,
 ) -> float:
     """Return how far a frame is from rest [m] within `watch` s after a joint motion (k, joints).
 
-    After `since` [s], by default the motion's end. In fixed steps of 0.5 ms, the joints on the
-    quintic spline of the motion.
+    After `since` [s], by default the motion's end. In fixed steps [s], the joints on the quintic
+    spline of the motion; steps that turn a mode by 0.2 rad already shift its phase.
     """
     spline = held_spline(t, q)
-    times = np.arange(t[0], t[-1] + watch, STEP)
+    times = np.arange(t[0], t[-1] + watch, step)
     rows, rates = spline(times), spline(times, 1)
-    accelerations = spline(times + 0.5 * STEP, 2)
-    stepper = Stepper(robot, STEP)
+    accelerations = spline(times + 0.5 * step, 2)
+    stepper = Stepper(robot, step)
     state, rate = robot.static_deflection(q[0]), np.zeros(robot.n)
     joints = robot.joint_indices
     states = np.zeros((len(times), robot.n))
