@@ -19,8 +19,10 @@ BEAMS = {
     'craig-bampton 4': described(modes=4),
     'clamped-free 4': described('clamped-free', modes=4),
     '8 segments': described(segments=8),
+    'MuJoCo': described(),
 }
-OFF = ((1.0, 1.0), (0.8, 0.8), (0.8, 1.2), (1.2, 0.8), (1.2, 1.2))  # stiffness, load
+HINGES = 16  # per beam in MuJoCo
+OFF = ((1.0, 1.0), (0.9, 1.2), (0.8, 0.8), (0.8, 1.2), (1.2, 0.8), (1.2, 1.2))  # stiffness, load
 WAYS = ('plan alone', 'joints', 'state feedback')
 
 
@@ -41,7 +43,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
                 for seed in range(1, 2 if way == WAYS[0] else args.seeds + 1):
                     feedback = StateFeedback(planned.robot, schedule)
                     used = None if way == WAYS[0] else feedback
-                    loop = Loop(planned, truth, used, seed, joints_alone=way == WAYS[1])
+                    loop = Loop(
+                        planned, truth, used, seed, joints_alone=way == WAYS[1],
+                        hinges=HINGES if name == 'MuJoCo' else 0,
+                    )  # fmt: skip
                     runs.append(loop.run())
                 moving = max(run.rms for run in runs)
                 after = max(run.after(3.0) for run in runs)
