@@ -54,20 +54,21 @@ check: lint
 	$(BIN)/pytest -m 'not ros' --numprocesses auto $(LONGEST_FIRST)
 
 # side by side: nodes, which wait much of the time, three files at a time, then a minute of siege
-# with ends of nodes beside it; and in the time that these leave what has no nodes, on all cores,
-# then types and layers. Loops that are held to time have the machine to themselves, at the end
+# with ends of nodes and their faults beside it; and in the time that these leave what has no nodes,
+# on all cores, then types and layers. Loops that are held to time have the machine to themselves,
+# at the end
 test: style browser
 	@status=0; mkdir -p $(ROS_LOG_DIR); \
 	{ nice -n 10 $(BIN)/pytest -m 'not ros' --numprocesses auto $(LONGEST_FIRST); found=$$?; \
 	nice -n 10 $(MAKE) --no-print-directory types && exit $$found; } > $(ROS_LOG_DIR)/check.txt 2>&1 & check=$$!; \
 	trap 'trap - TERM; kill 0; exit 130' INT TERM; \
 	$(BIN)/pytest -m 'ros and not alone' --numprocesses 3 $(LONGEST_FIRST) || status=1; \
-	$(BIN)/pytest -m alone -k test_siege > $(ROS_LOG_DIR)/siege.txt 2>&1 & siege=$$!; \
-	$(BIN)/pytest -m alone -k test_ends || status=1; \
+	$(BIN)/pytest -m alone campaigns/trust/test_siege.py > $(ROS_LOG_DIR)/siege.txt 2>&1 & siege=$$!; \
+	$(BIN)/pytest -m alone campaigns/trust --ignore campaigns/trust/test_siege.py || status=1; \
 	wait $$siege || status=1; \
 	wait $$check || status=1; \
 	cat $(ROS_LOG_DIR)/siege.txt $(ROS_LOG_DIR)/check.txt; \
-	$(BIN)/pytest -m alone -k 'not (test_siege or test_ends)' || status=1; \
+	$(BIN)/pytest -m alone campaigns/bench || status=1; \
 	exit $$status
 
 # the viewer's page is tested in a real browser
