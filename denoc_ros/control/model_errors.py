@@ -96,6 +96,13 @@ def _pairs(count: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     return np.triu_indices(count)
 
 
+@cache
+def _units(count: int) -> tuple[Array, Array, Array, Array]:
+    """Return unit errors, those of the first and second of each pair, and unit products."""
+    unit, (first, second) = np.eye(count), _pairs(count)
+    return unit, unit[first], unit[second], np.eye(count + len(first))[:, count:]
+
+
 def terms(errors: Array) -> Array:
     """Return all that a polynomial of second degree without a constant has of errors (e,)."""
     first, second = _pairs(len(errors))
@@ -105,15 +112,15 @@ def terms(errors: Array) -> Array:
 def terms_rate(errors: Array) -> Array:
     """Return the derivative (terms, e) of the terms by the errors."""
     first, second = _pairs(len(errors))
-    unit = np.eye(len(errors))
-    pairs = errors[second, None] * unit[first] + errors[first, None] * unit[second]
+    unit, firsts, seconds, _ = _units(len(errors))
+    pairs = errors[second, None] * firsts + errors[first, None] * seconds
     return np.concatenate([unit, pairs])
 
 
 def _beside(errors: Array) -> Array:
     """Return all terms of errors as polynomials (terms, 1 + terms) in errors beside these."""
-    found = terms(errors)
-    return np.column_stack([found, terms_rate(errors), np.eye(len(found))[:, len(errors) :]])
+    products = _units(len(errors))[-1]
+    return np.concatenate([terms(errors)[:, None], terms_rate(errors), products], axis=1)
 
 
 def _by_products(changed: Array) -> Array:
@@ -583,9 +590,10 @@ class ErrorEstimate:
         change = share * (self._entering - self.used)
         self.used += change
         state += self.seen @ change
-        moved = self._bank[..., 1:] @ _beside(change)
-        self._bank[..., 0] += moved[..., 0]
-        self._bank[..., 1:] = moved[..., 1:]
+        rows = self._bank.reshape(-1, self._bank.shape[2])  # the same memory
+        moved = rows[:, 1:] @ _beside(change)
+        rows[:, 0] += moved[:, 0]
+        rows[:, 1:] = moved[:, 1:]
         self._since += self._period
         if self._since >= APART:
             self._since = 0.0
