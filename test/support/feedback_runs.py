@@ -88,15 +88,15 @@ def canadarm(stiffness: float = 1.0, load: float = 1.0, source: str = str(CANADA
 def _loaded(source: str, load: float) -> str:
     """Return a description, or the text of a file, with the inertia of the third link scaled."""
     text = source if source.startswith('<') else Path(source).read_text()
-    link = ElementTree.fromstring(text)
-    found = link.find('link[@name="link_3"]/inertial')
+    robot = ElementTree.fromstring(text)
+    found = robot.find('link[@name="link_3"]/inertial')
     assert found is not None
     for part in ('mass', 'inertia'):
         numbers = found.find(part)
         assert numbers is not None
         for name, value in numbers.items():
             numbers.set(name, repr(load * float(value)))
-    return ElementTree.tostring(link, encoding='unicode')
+    return ElementTree.tostring(robot, encoding='unicode')
 
 
 @cache
@@ -200,7 +200,8 @@ class Loop:
         q, qd, qdd = simulated.q, simulated.qd, np.zeros(truth.n)
         queue = deque([plan.torque[0]] * round(DELAY * SUBSTEPS))
         torque, share = np.zeros((count, joints)), np.zeros(count)
-        reached, there = np.empty((count, truth.n)), np.empty((count, 3))
+        chain = simulated if isinstance(simulated, MujocoRobot) else None
+        reached = np.empty((count, truth.n if chain is None else 3))
         generator = np.random.default_rng(self.seed)
         paused = part = 0
         pauses = {round(at / PERIOD): round(long / PERIOD) for at, long in self.away.items()}
@@ -226,11 +227,8 @@ class Loop:
                 tau[truth.joint_indices] += queue.popleft()
                 simulated.free(tau)
                 qdd[:] = simulated.qdd
-            reached[k] = q
-            if isinstance(simulated, MujocoRobot):
-                there[k] = simulated.data.site('tool').xpos
-        if not self.hinges:
-            there = truth.frame_pose('tool', reached)[:, :3, 3]
+            reached[k] = q if chain is None else chain.data.site('tool').xpos
+        there = reached if chain else truth.frame_pose('tool', reached)[:, :3, 3]
         error = np.linalg.norm(there - plan.tip[:count], axis=1)
         return Outcome(error, torque, share, round(plan.duration / PERIOD))
 
