@@ -16,6 +16,8 @@ from denoc_ros.control.residual_modes import is_hardened
 from denoc_ros.dynamics.measured_side import MeasuredStates, whole_robot
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.state_history import StateHistory
+from denoc_ros.kernels.compiled import entry
+from denoc_ros.kernels.error_estimate import compare, correct_estimate
 from denoc_ros.types import Array
 
 HISTORY = 256  # periods over which values may be late
@@ -117,6 +119,8 @@ class DeviationFilter:
         self.joints, self.joints_at = np.zeros(2 * self._k), -np.inf
         self._has_rates = math.isfinite(schedule.settings.velocity_noise)
         self.time = 0.0
+        self._none = np.zeros((len(self.state), 0))  # of errors
+        self._compare, self._correct = entry(compare), entry(correct_estimate)
         self.reset()
 
     def reset(self) -> None:
@@ -210,14 +214,14 @@ class DeviationFilter:
             (stamp, self._sample(now, stamp), np.flatnonzero(new & (stamps == stamp)))
             for stamp in sorted(set(stamps[new].tolist()))
         ]
+        plan, own = self._plan, self._own
+        second = own if self.errors is None else self.errors.expected
         for stamp, sample, at in groups:
-            plan = self._plan.at(stamp)
-            away = self._values[at] - plan[at]
-            innovation[at] = away - self._own.at(sample)[at]
-            if self.errors is not None:
-                self._surprise[at] = away - self.errors.expected(sample)[at]
-            own = at[at < 2 * self._k]
-            self.joints[own] = self._values[own] - plan[own]
+            self._compare(
+                self._values, at, stamp, sample, plan.times, plan.states, len(plan), own.times,
+                own.states, len(own), second.times, second.states, len(second), innovation,
+                self._surprise, self.joints,
+            )  # fmt: skip
         if new[0]:
             self.joints_at = stamps[0]
         if self._fresh and new[0]:
@@ -265,11 +269,11 @@ class DeviationFilter:
         at = at[good[at]]
         if self.blind:
             at, correction = at[at < 2 * self._k], gains.blind
-        if errors is not None:
-            errors.follow(gains, correction, at)
-        change = correction[:, at] @ self._innovation[at]
-        self.state += change
-        self._own.since(since)[1][:] += gains.measured @ change
+        own, seen = self._own, self._none if errors is None else errors.seen
+        self._correct(
+            correction, gains.measured, self._innovation, at, self.state, seen, own.times,
+            own.states, len(own), since,
+        )  # fmt: skip
         if errors is not None and self.blind:
             errors.restart(gains, self.state)
 
@@ -379,7 +383,8 @@ class DeviationFilter:
         self._own.since(self._own.last)[1][:] += seen
         self._innovation[at] -= seen[at]
         if self.errors is not None:
-            self.errors.follow(gains, correction, at)
+            seen = self.errors.seen
+            seen -= correction[:, at] @ (gains.measured[at] @ seen)
         self._agree(gains)
 
     def _refuse(self, gains: PostureGains) -> None:
@@ -433,10 +438,10 @@ class DeviationFilter:
         Returns what these did to the deviations (2 m,).
         """
         if self.errors is not None:
-            self.state, pushed = self.errors.go_on(gains, self.state, self.time, pushes)
+            pushed = self.errors.go_on(gains, self.state, self.time, pushes)
             self.time += self._period
             return pushed
         pushed = gains.push @ pushes
-        self.state = gains.transition @ self.state
+        self.state[:] = gains.transition @ self.state
         self.state[: len(pushed)] += pushed
         return pushed
