@@ -17,9 +17,10 @@ from denoc_ros.dynamics.measured_side import MeasuredStates, whole_robot
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.state_history import StateHistory
 from denoc_ros.kernels.compiled import entry
-from denoc_ros.kernels.error_estimate import compare, correct_estimate
+from denoc_ros.kernels.deviation_filter import compare, correct_estimate, sift
 from denoc_ros.types import Array
 
+FILTER_KERNELS = (compare, correct_estimate, sift)
 HISTORY = 256  # periods over which values may be late
 # standard deviations of an innovation beyond which a sensor's value is refused: a tick that
 # comes late looks like many
@@ -90,14 +91,18 @@ class DeviationFilter:
         values = chosen_values(robot.tree, self._sensors)
         self._names = [value.name for value in values]
         self._places = [value.place for value in values]
-        self._rates = np.array([value.kind == 'gyro' for value in values], dtype=np.bool_)
-        self._turning = bool(self._rates.any())
+        rates = [value.kind == 'gyro' for value in values]
+        self._turning = any(rates)
         # with gyroscopes alone, what is missing of a rate stays as a deflection
-        self._brief = 0.0 if len(values) and self._rates.all() else BRIEF
+        self._brief = 0.0 if values and all(rates) else BRIEF
         self._timeout = schedule.settings.sensor_timeout
         self._period = schedule.settings.period
         gains = schedule.gains[0]
         self._k, seen = len(names), len(gains.measured)
+        # values that may be far off: of sensors that are believed a rate after a pause, to be
+        # corrected and not refused, and any value of others
+        self._rates = np.array([False] * (2 * self._k) + rates, dtype=np.bool_)
+        self._any = np.ones(seen, dtype=np.bool_)
         bias = np.concatenate([np.zeros(2 * self._k), [value.bias for value in values]])
         self._biased, self._most_bias = np.flatnonzero(bias), BIASES * bias[bias > 0.0]
         self._unbiased = np.ones(len(self._biased), dtype=np.bool_)
@@ -107,6 +112,8 @@ class DeviationFilter:
         self.refused = np.zeros(len(self._sensors), dtype=np.int64)
         self._values, self._stamps = np.zeros(seen), np.zeros(seen)
         self._new = np.zeros(seen, dtype=np.bool_)
+        self._good, self._heard = np.zeros(seen, dtype=np.bool_), np.ones(seen, dtype=np.bool_)
+        self._found = np.zeros(4)
         self._innovation, self._surprise = np.zeros((2, seen))
         self._good_at = np.zeros(seen)
         self._plan, self._own = StateHistory(HISTORY, seen), StateHistory(HISTORY, seen)
@@ -120,7 +127,7 @@ class DeviationFilter:
         self._has_rates = math.isfinite(schedule.settings.velocity_noise)
         self.time = 0.0
         self._none = np.zeros((len(self.state), 0))  # of errors
-        self._compare, self._correct = entry(compare), entry(correct_estimate)
+        self._compare, self._correct, self._sift = map(entry, FILTER_KERNELS)
         self.reset()
 
     def reset(self) -> None:
@@ -154,19 +161,6 @@ class DeviationFilter:
             other.errors.adopt(self.errors, self.state)
         self.errors = other.errors
 
-    def deviations(self) -> Array:
-        """Deviations y (2 m,) from the plan of a robot with the model's errors."""
-        y = self.state[: self._deviations]
-        if self.errors is None:
-            return y
-        return np.asarray(y - self.errors.state(self.time))
-
-    def joint_deviations(self) -> Array:
-        """Return those of the measured joints and their rates (2 joints,), from the same plan."""
-        if self.errors is None:
-            return self.joints
-        return np.asarray(self.joints - self._rows[: 2 * self._k] @ self.errors.state(self.time))
-
     def follow(self, time: float, q: Array, qd: Array, qdd: Array | None = None) -> None:
         """Take the plan's coordinates, rates and accelerations (n,) at a time of the clock [s].
 
@@ -199,7 +193,7 @@ class DeviationFilter:
 
     def correct(self, now: float, gains: PostureGains) -> None:
         """Correct the estimate by the received values, and say whether it is reliable."""
-        if np.isnan(self._doubted_at):
+        if math.isnan(self._doubted_at):
             self._doubted_at = now
         self._own.push(now)[:] = gains.measured @ self.state
         innovation, new, stamps = self._innovation, self._new, self._stamps
@@ -210,9 +204,12 @@ class DeviationFilter:
             new &= stamps >= self._pause.end
         if not len(self._plan):
             new[:] = False
+        places: dict[float, list[int]] = {}
+        for place, (is_new, stamp) in enumerate(zip(new.tolist(), stamps.tolist(), strict=True)):
+            if is_new:
+                places.setdefault(stamp, []).append(place)
         groups = [
-            (stamp, self._sample(now, stamp), np.flatnonzero(new & (stamps == stamp)))
-            for stamp in sorted(set(stamps[new].tolist()))
+            (stamp, self._sample(now, stamp), np.array(at)) for stamp, at in sorted(places.items())
         ]
         plan, own = self._plan, self._own
         second = own if self.errors is None else self.errors.expected
@@ -228,15 +225,18 @@ class DeviationFilter:
             self._begin(now, gains)
         elif self._pause is not None and new[0]:
             self._regain(gains)
-        self._begin_biases(gains)
+        if len(self._biased):
+            self._begin_biases(gains)
         self._find_faults(now, gains)
-        self._refuse(gains)
-        self._good_at[new] = stamps[new]
-        good = new.copy()
-        new[:] = False
-        self._judge(now, np.abs(innovation) <= GATE * gains.spread)
+        self._sift(
+            innovation, gains.spread, gains.reach, self._rates if self.believed else self._any,
+            stamps, new, self._good, self._heard if self.errors is None else self.errors.heard,
+            self._good_at, self.refused, now, GATE, self._k, self.state, self._deviations,
+            self._found,
+        )  # fmt: skip
+        self._judge(now, *self._found.tolist())
         for _, sample, at in groups:
-            self._take(sample, at, good, gains)
+            self._take(sample, at, self._good, gains)
         if not self._has_rates:
             rates = slice(self._k, 2 * self._k)
             self.joints[rates] = gains.measured[rates] @ self.state
@@ -248,7 +248,7 @@ class DeviationFilter:
         part of the loop's delay.
         """
         age = now - stamp
-        if np.isnan(self._age):
+        if math.isnan(self._age):
             self._age = age
         elif self._new[0] and stamp == self._stamps[0]:
             self._age += AGEING * (age - self._age)
@@ -387,31 +387,14 @@ class DeviationFilter:
             seen -= correction[:, at] @ (gains.measured[at] @ seen)
         self._agree(gains)
 
-    def _refuse(self, gains: PostureGains) -> None:
-        """Leave out sensors' values that are too far off."""
-        first = 2 * self._k
-        most = GATE * gains.spread[first:]
-        # a rate that is off after a pause is to be corrected, not refused
-        wide = self._rates | (not self.believed)
-        most[wide] = np.maximum(most, gains.reach[first:])[wide]
-        far = ~(np.abs(self._innovation[first:]) <= most)
-        if far.any():
-            self._innovation[first:][far] = 0.0
-            self._new[first:][far] = False
-            self.refused += far
-
-    def _judge(self, now: float, agrees: NDArray[np.bool_]) -> None:
-        """Decide whether to believe the estimate, and whether to hear the sensors."""
-        age = now - self._good_at
-        age[self._k : 2 * self._k] = 0.0  # rates need not be measured
-        if self.errors is not None:
-            age[~self.errors.heard] = 0.0  # nothing good is to be expected of a faulty sensor
+    def _judge(self, now: float, age: float, place: float, agrees: float, largest: float) -> None:
+        """Decide by what `sift` finds whether to believe the estimate and to hear the sensors."""
         cause = ''
-        if not np.abs(self.state[: self._deviations]).max() < LARGEST:  # NaN is no less
+        if not largest < LARGEST:  # NaN is no less
             self.state[:], self._fresh, self._unbiased[:] = 0.0, True, True
             cause = 'estimate out of bounds'
-        elif not age.max() <= self._timeout:
-            worst = int(np.argmax(age)) - 2 * self._k
+        elif not age <= self._timeout:
+            worst = int(place) - 2 * self._k
             cause = f'no good values of {self._names[worst] if worst >= 0 else "the joints"}'
         self.blind = bool(cause)
         if cause:
@@ -427,7 +410,7 @@ class DeviationFilter:
             self.cause = 'sensors contradict each other'
             self.believed, self._doubted_at = False, now
         elif not self.believed:
-            if not agrees[2 * self._k :].all():
+            if not agrees:
                 self._doubted_at = now
             if now - self._doubted_at >= REGAIN:
                 self.believed, self.cause = True, ''

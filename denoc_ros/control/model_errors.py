@@ -22,10 +22,11 @@ from denoc_ros.control.tip_solver import settle
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.state_history import StateHistory
 from denoc_ros.kernels.compiled import entry
-from denoc_ros.kernels.error_estimate import estimates_ahead, learn_errors, plan_changes
+from denoc_ros.kernels.deviation_filter import estimates_ahead, learn_errors, plan_changes
 from denoc_ros.model.arrays import is_flexible
 from denoc_ros.types import Array
 
+ERROR_KERNELS = (estimates_ahead, plan_changes, learn_errors)
 MOST = 6  # compliances that are told apart; more count as one
 REACH = 0.2  # errors at which plans of other robots are made
 AFTER = 2.0  # s after the end of the motion that such a plan may use
@@ -285,8 +286,7 @@ class ErrorEstimate:
             WALK**2 * period, LIKELY, NONE,
         ])  # fmt: skip
         self._pushed = np.zeros(len(gains.push))
-        self._ahead, self._changes = entry(estimates_ahead), entry(plan_changes)
-        self._correct = entry(learn_errors)
+        self._ahead, self._changes, self._correct = map(entry, ERROR_KERNELS)
         self._tested, self._settled, self._suspected_at = -np.inf, np.inf, -np.inf
         self.faulty, self.suspected = np.zeros(sensors, dtype=np.bool_), False
         self.heard = np.ones(measured, dtype=np.bool_)

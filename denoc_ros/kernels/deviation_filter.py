@@ -1,4 +1,4 @@
-"""Estimates of deviations and of the model's errors: values compared, a correction, a period.
+"""The filter of deviations from a plan and of the model's errors: its steps, one call each.
 
 Estimates are polynomials of second degree in c errors beside those used: 1 + t coefficients, those
 of 1, of each error, and of the t - c products of two. A history is passed as its times, its
@@ -80,6 +80,68 @@ def compare(
         surprise[i] = away - on_line(second, last, i)
         if i < joints.shape[0]:
             joints[i] = away
+
+
+@kernel(
+    'void(float64[::1], float64[::1], float64[::1], boolean[::1], float64[::1], boolean[::1], '
+    'boolean[::1], boolean[::1], float64[::1], int64[::1], float64, float64, int64, '
+    'float64[::1], int64, float64[::1])'
+)
+def sift(
+    innovation, spread, reach, wide, stamps, new, good, heard, good_at, refused, now, gate, joints,
+    state, size, found,
+):  # fmt: skip
+    """Leave out values that are too far off, and look at how good the others are.
+
+    Parameters
+    ----------
+    innovation : (measured,) array
+        Output: 0 of what is left out.
+    spread, reach : (measured,) arrays
+        Standard deviations of innovations; the largest ones within wide bounds.
+    wide : (measured,) bool array
+        Where wide bounds hold.
+    stamps : (measured,) array
+        Of the values [s].
+    new, good : (measured,) bool arrays
+        Which are new: none, afterwards; output: which are new and not left out.
+    heard : (measured,) bool array
+        Of which good values are to be expected.
+    good_at : (measured,) array
+        When the last good values were measured [s].
+    refused : (sensors,) int array
+        How many values of the sensors, the last ones, were left out: in place. No others are.
+    now, gate : float
+        [s]; standard deviations that an innovation may have.
+    joints : int
+        How many are measured: the first values, then as many rates, which need not be.
+    state, size
+        Of the estimate; how many deviations it begins with.
+    found : (4,) array
+        Output: age of the oldest good values [s] and their place; 1 if all sensors agree within
+        the gate, else 0; the largest deviation.
+    """
+    oldest, place, agrees, first = -np.inf, 0, 1.0, len(innovation) - len(refused)
+    for i in range(len(innovation)):
+        if i >= first:
+            most = gate * spread[i]
+            if not abs(innovation[i]) <= (max(most, reach[i]) if wide[i] else most):
+                innovation[i], new[i] = 0.0, False
+                refused[i - first] += 1
+            if not abs(innovation[i]) <= most:
+                agrees = 0.0
+        good[i] = new[i]
+        if new[i]:
+            good_at[i] = stamps[i]
+        new[i] = False
+        age = now - good_at[i] if heard[i] and not joints <= i < 2 * joints else 0.0
+        if age > oldest:
+            oldest, place = age, i
+    largest = 0.0
+    for i in range(size):
+        if not abs(state[i]) <= largest:  # NaN is no less
+            largest = abs(state[i])
+    found[0], found[1], found[2], found[3] = oldest, place, agrees, largest
 
 
 @inlined
