@@ -15,11 +15,12 @@ from denoc_ros.dynamics.measured_side import MotorSide, WholeCoordinates
 from denoc_ros.dynamics.reacting_base import ReactingBase
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.springs import CUTOFF, GearSprings
-from denoc_ros.dynamics.stepper import Stepper
+from denoc_ros.dynamics.stepper import Stepper, raise_step_status
 from denoc_ros.errors import SolverError
 from denoc_ros.estimation.fusion import StrainFusion
 from denoc_ros.estimation.observer_settings import ObserverSettings
 from denoc_ros.estimation.tracking import TrackingFilter, joining_acceleration
+from denoc_ros.kernels.articulated import articulated_dynamics
 from denoc_ros.kernels.driven_step import BANDWIDTH, INTERVAL, MEASURED, SHORTEST, STEP
 from denoc_ros.kernels.driven_step import MOST_STEPS as MOST
 from denoc_ros.types import Array
@@ -107,7 +108,7 @@ class Observer:
         self.springs = HiddenSprings(self.robot, self.motion.joints, settings)
         self.q, self.qd, self.q_ahead, self.qd_ahead = np.zeros((4, robot.n))
         self._q, self._qd = np.zeros((2, robot.n))  # at the last measurement
-        self._qdd = np.zeros(robot.n)
+        self._held = robot.held(robot.joint_indices)
         self._tau = np.zeros(robot.n)  # efforts, and loads that sensors show
         self.fusion: StrainFusion | None = None
         if settings.fusion is not None:
@@ -265,18 +266,9 @@ class Observer:
             self._tau[self._flexible] = self.fusion.forces(q, qd, ahead)
 
     def _measured_accelerations(self, time: float, q: Array, qd: Array) -> tuple[Robot, Array]:
-        """Return the robot at a time, and its accelerations (n,): the same array each time."""
+        """Return the robot at a time, and its accelerations (n,)."""
         self._load(q, qd)
-        robot, stepper = self.robot, self._stepper
-        if stepper.tied:
-            return robot, self._accelerate(robot, time, q, qd)
-        if self.base is not None:
-            motion = self.base(time)
-            robot.move_base(motion)
-            stepper.robot.move_base(motion)
-        given = self.motion.given_accelerations(self._filter.qdd)
-        stepper.accelerations(q, qd, given, self._qdd, self._tau)
-        return robot, self._qdd
+        return self.robot, self._accelerate(self.robot, time, q, qd)
 
     def _uncertainty(self) -> Array:
         """Return the deviations (n,) of the joints' measured accelerations."""
@@ -289,9 +281,14 @@ class Observer:
         """Return the accelerations (n,) by the joints' measured ones and the present loads."""
         if self.base is not None:
             robot.move_base(self.base(time))
-        qdd = np.empty(robot.n)
-        qdd[robot.joint_indices] = given = self.motion.given_accelerations(self._filter.qdd)
-        qdd[robot.flexible_indices] = robot.hybrid_dynamics(q, qd, given, tau=self._tau)[1]
+        qdd, given, torque = np.zeros((3, robot.n))
+        wanted = self.motion.given_accelerations(self._filter.qdd)
+        given[robot.joint_indices] = wanted
+        status = articulated_dynamics(
+            robot.handle, robot.armature, self._held, q, qd, given, self._tau, qdd, torque
+        )
+        raise_step_status(robot, status, q, qd, given, self._tau)
+        qdd[robot.joint_indices] = wanted
         return qdd
 
     def sensor_values(self, robot: Robot) -> Array:
