@@ -80,7 +80,7 @@ class OutboardLoads:
         self._diagonals = robot.arrays.diagonals
         self._weights = self._weigh(robot)
         # one state of the robot with cuts, which are closed
-        self._state = tuple(np.zeros((3, self._cut.n)))
+        self._state = np.zeros(self._cut.n), np.zeros(self._cut.n), np.zeros(self._cut.n)
 
     def _weigh(self, robot: DifferentiableModel) -> Array:
         """Return the values per generalized force L, (sensors, n of the robot with cuts)."""
@@ -113,9 +113,10 @@ class OutboardLoads:
         if q.ndim > 1:
             needed = cut.inverse_dynamics(self._spread(q), self._spread(qd), self._spread(qdd))
             return np.asarray(needed @ self._weights.T)
-        for spread, given in zip(self._state, (q, qd, qdd), strict=True):
+        position, rate, acceleration = self._state
+        for spread, given in ((position, q), (rate, qd), (acceleration, qdd)):
             spread[self._index] = given
-        return np.asarray(self._weights @ cut.inverse_dynamics(*self._state))
+        return np.asarray(self._weights @ cut.inverse_dynamics(position, rate, acceleration))
 
     def by_accelerations(self, robot: DifferentiableModel, q: Array) -> Array:
         """Return the derivatives (sensors, n) of `values` by q'' at coordinates (n,)."""

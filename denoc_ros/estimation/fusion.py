@@ -141,7 +141,8 @@ class StrainFusion:
         self._reading = Reading(
             np.ascontiguousarray(sensor_rows(robot)[:, self._flexible]),
             np.zeros((len(sensors), 3 * m)),
-            *np.zeros((2, len(sensors))),
+            np.zeros(len(sensors)),
+            np.zeros(len(sensors)),
             np.array([sensor.noise for sensor in sensors]),
             settings.timing_error,
             settings.model_error,
