@@ -260,7 +260,7 @@ class DeviationFilter:
         correction, errors = gains.correction, self.errors
         since = stamp - 0.5 * self._period
         if errors is not None and not self.blind:
-            learns = self.believed or bool(errors.faulty.any())
+            learns = self.believed or np.count_nonzero(errors.faulty) == 1
             time = self.time if learns and not errors.suspected else None
             errors.take(gains, self._surprise, at, good, self._values, since, time)
             good = good & errors.heard

@@ -264,3 +264,19 @@ def test_gauge_that_turns_over_where_strain_changes_sign_does_not_lose_the_arm()
     assert not run.share[-500:].any()
     assert np.abs(np.diff(run.torque, axis=0)).max() < 0.05 * planned.limits[0]
     assert run.error.max() < 0.01
+
+
+def test_gauge_that_sticks_where_strain_changes_sign_teaches_nothing_wrong() -> None:
+    planned, schedule = quick()
+    loop = Loop(planned, canadarm(source=described()), StateFeedback(planned.robot, schedule))
+    stuck: list[float] = []
+
+    def wrong(now: float, value: float) -> float:
+        if now < 2.0:
+            return value
+        stuck.append(value)
+        return stuck[0]
+
+    # its neighbours are blamed as well, and the joints alone remain
+    loop.wrong = wrong
+    assert loop.run(7.0).error[3500:].max() < 0.01  # where learning went on, 20 mm
