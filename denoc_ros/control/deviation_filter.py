@@ -29,7 +29,9 @@ FAR = 2.0  # of a sensor's reach: beyond that it says nothing of where to start
 RESTART = 0.5  # s without belief after which the estimate starts anew from what is measured
 LARGEST = 1e3  # m or rad, and per s: no deviation is that large
 AGEING = 0.02  # weight of the newest values' age in the usual one
-BRIEF = 0.025  # s of a pause that leaves no more than the gains of every period undo
+BRIEF = 0.06  # s of a pause that leaves no more than the gains of every period undo
+UNSEEN = 0.01  # s of a pause that shows neither for an error of the model nor for a fault
+UNCLEAR = 0.6  # s after a longer one in which what it left may look like a fault of a sensor
 DOUBTED = 0.3  # of what held torque did in a pause: so far the model may be off
 # s after which the gains of a settled filter have undone the noise of the estimate's first values:
 # before, it would be learned for errors of the model
@@ -139,7 +141,7 @@ class DeviationFilter:
         self._good_at[:] = -np.inf
         self.believed, self.cause, self._fresh = False, 'no measurements yet', True
         self._doubted_at, self._age, self.blind = np.nan, np.nan, True
-        self._began = np.nan
+        self._began, self._judges_from = np.nan, -np.inf
         self._pause = None
         self.joints[:], self.joints_at = 0.0, -np.inf
         if self.errors is not None:
@@ -262,7 +264,7 @@ class DeviationFilter:
         correction, errors = gains.correction, self.errors
         since = stamp - 0.5 * self._period
         if errors is not None and not self.blind:
-            learns = self.believed or bool(errors.faulty.any())
+            learns = self.believed or np.count_nonzero(errors.faulty) == 1
             time = self.time if learns and not errors.suspected else None
             errors.take(gains, self._surprise, at, good, self._values, since, time)
             good = good & errors.heard
@@ -282,7 +284,7 @@ class DeviationFilter:
         errors = self.errors
         if errors is None or self.blind:
             return
-        if now - self._began < BEGINS:
+        if now < self._judges_from:
             errors.forget_innovations()
         if not errors.find_faults(now, gains):
             return
@@ -311,7 +313,7 @@ class DeviationFilter:
         turning = self._biased[self._new[self._biased]]
         self._innovation[turning] -= (after - before)[turning]
         self._innovation[at] = 0.0
-        self._fresh, self._began = False, now
+        self._fresh, self._began, self._judges_from = False, now, now + BEGINS
         if self.errors is not None:
             self.errors.forget_deviations()
             self.errors.doubt(self.time, SETTLES)
@@ -357,8 +359,9 @@ class DeviationFilter:
                 pushed, seconds = pushed + self._pause.pushed, seconds + self._pause.seconds
             usual = 0.0 if np.isnan(self._age) else self._age
             self._pause = Pause(pushed, seconds, now - usual - 0.5 * self._period)
-        if self.errors is not None:
+        if self.errors is not None and seconds > UNSEEN:
             self.errors.doubt(self.time)
+            self._judges_from = max(self._judges_from, now + UNCLEAR)
 
     def _regain(self, gains: PostureGains) -> None:
         """Correct the estimate by the first values after a pause.
