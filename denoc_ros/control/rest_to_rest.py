@@ -366,7 +366,7 @@ def quickest(
         if best is not None and best.solution.duration <= hold:
             return best
         try:
-            there = problem.solve(x, None)
+            there = problem.solve(x, None if here is None else (here, x - here.coefficients))
         except CancelledError:
             raise
         except SolverError:
@@ -438,7 +438,8 @@ def _slowed(problem: RestProblem, there: TimedRest, power: float) -> TimedRest:
             break
         seconds = (1.0 + 1.1 * excess(there)) ** (1.0 / power) * there.duration
         try:
-            there = problem.solve(problem.lasting(there.coefficients, seconds), None)
+            x = problem.lasting(there.coefficients, seconds)
+            there = problem.solve(x, (there, x - there.coefficients))
         except SolverError:
             break
     return there
