@@ -203,23 +203,26 @@ class EndSwing:
             np.ascontiguousarray(states[:, :n]), np.ascontiguousarray(states[:, n:]), between
         )
 
-    def gaps(self, step: float, motion: Driven) -> Array:
-        """Return how far each step [s] under net torques ends from the next state (k - 1, 2 n)."""
+    def after(self, step: float, motion: Driven) -> Array:
+        """Return the states (k - 1, 2 n) a step [s] after those of a motion under net torques."""
         net, n = self.net, self.net.n
         forces = np.zeros((len(motion.between), n))
         forces[:, net.joint_indices] = motion.between
-        states = np.hstack([motion.q, motion.qd])
+        before = np.hstack([motion.q, motion.qd])[:-1]
 
         def slope(state: Array) -> Array:
             q, qd = (np.ascontiguousarray(each) for each in np.split(state, 2, axis=1))
             return np.hstack([qd, net.forward_dynamics(q, qd, forces)])
 
-        first = slope(states[:-1])
-        second = slope(states[:-1] + 0.5 * step * first)
-        third = slope(states[:-1] + 0.5 * step * second)
-        last = slope(states[:-1] + step * third)
-        rise = step / 6.0 * (first + 2.0 * second + 2.0 * third + last)
-        return np.asarray(rise - np.diff(states, axis=0))
+        first = slope(before)
+        second = slope(before + 0.5 * step * first)
+        third = slope(before + 0.5 * step * second)
+        last = slope(before + step * third)
+        return np.asarray(before + step / 6.0 * (first + 2.0 * second + 2.0 * third + last))
+
+    def gaps(self, step: float, motion: Driven) -> Array:
+        """Return how far each step [s] under net torques ends from the next state (k - 1, 2 n)."""
+        return self.after(step, motion) - np.hstack([motion.q, motion.qd])[1:]
 
     def error(self, motion: Driven) -> Array:
         """Return what is left (m,): modal amplitudes times omega, modal rates."""

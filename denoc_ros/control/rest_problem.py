@@ -30,6 +30,8 @@ STEPS = 200  # of the simulated motion, at least
 # of the fastest mode that rests, and of the fastest of all: while unknowns are few, and after
 STEPS_PER_PERIOD = (20.0, 60.0), (10.0, 40.0)
 STEPS_BY_TORQUE, MOMENTS_BY_TORQUE = 20.0, 8.0  # of the fastest mode whose joints are free
+LEAST_BY_TORQUE = 480  # moments
+FINER = 4  # parts of these steps, between which splines follow accelerations
 QUIET = 1e-3  # share of the plain motion's swing that counts as rest
 EXACT = 1e-4  # share to which the search brings it
 STANDS = 1e-9  # rad, m: a way that is none
@@ -46,6 +48,7 @@ FASTER = 1.0, 0.9, 0.8, 0.7  # plain motions of which the largest swing is that 
 PARTS = 16  # of a segment, over which jerks are means
 STEP_OF_JOINTS, STEP_OF_TORQUES = 0.3, 2.0  # scale of a trust region
 RIDGE = 1e-6  # price of a square of a step of torques
+RIDGE_OF_JOINTS = 1e-2  # and of the mean square of how far joints move, over their steps
 TRUSTED = 15  # moments on the way at which joints change by that
 
 
@@ -247,18 +250,22 @@ class RestCost:
         hessian, gradient = problem.curvature(here)
         own = problem.change(here).errors[0]
         size = np.linalg.norm(own * scale, axis=1)
+        trusted = problem.trusted(here) * scale
+        ridge = problem.ridge * np.eye(len(c))
+        if len(trusted):
+            ridge += 2.0 * RIDGE_OF_JOINTS / len(trusted) * trusted.T @ trusted
         return Part(
             scale,
             least,
             most,
             gradient * scale / unit,
-            hessian * scale * scale[:, None] / unit + problem.ridge * np.eye(len(c)),
+            hessian * scale * scale[:, None] / unit + ridge,
             here.cost / unit,
             sparse.csr_array(own * scale / size[:, None]),
             -here.errors[0] / size,
             [clarabel.ZeroConeT(len(size))],
             0.0 if problem.gentle else ROOM,
-            problem.trusted(here) * scale,
+            trusted,
         )
 
 
@@ -322,7 +329,7 @@ class RestProblem:
         self._free = free_motion(self.robot, last)[0] if self._by_torque else 0.0
         self._all = fastest_mode(self.robot, last, self.fastest)
         count = 0 if waypoints is None else len(waypoints.postures)
-        self.names = rows.names + tuple(
+        self.names = rows.row_names + tuple(
             f'waypoint {k + 1}' for k in range(count) for _ in range(3)
         )
         self.price, self.steady = (FIRM, STEADY) if gentle else (1.0, STEADY)
@@ -344,7 +351,8 @@ class RestProblem:
     def refine(self, duration: float, fine: int) -> None:
         """Take steps for a duration [s]: coarse (0) or fine (1) ones."""
         turns = self._free * duration  # of the fastest mode that torques excite
-        each, self._look = self.basis.moments(max(MOMENTS[fine], MOMENTS_BY_TORQUE * turns))
+        least = LEAST_BY_TORQUE if self._by_torque else MOMENTS[fine]
+        each, self._look = self.basis.moments(max(least, MOMENTS_BY_TORQUE * turns))
         nodes = each * self.basis.segments
         rests, every = (each[fine] for each in STEPS_PER_PERIOD)
         # splines excite modes little that are faster than their segments
@@ -487,6 +495,11 @@ class RestProblem:
             return np.zeros((0, self._count))
         return self._trusted(self.change(here).states)
 
+    def _beside(self, found: TimedRest, motion: Driven) -> float:
+        """Return how far the joints of a motion are from another's, over their steps."""
+        off = (found.motion.q - motion.q)[:, self.robot.joint_indices]
+        return float((np.abs(off).max(axis=0) / (STEP_OF_JOINTS * self._way)).max())
+
     def _trusted(self, states: Array) -> Array:
         at = np.linspace(0, self.count, TRUSTED + 2).astype(np.int64)[1:-1]
         moved = states[at][:, self.robot.joint_indices]
@@ -627,7 +640,7 @@ class RestProblem:
             old, change = near
             found = self._moved(old, self.change(old), change)
             by = None if change[-1] else self.change(old)
-        left, fresh = np.inf, False
+        first, left, fresh = found.motion, np.inf, False
         for _ in range(NEWTON):
             before, (left, error, gap) = left, self._off(found, by)
             if left <= EXACT or (fresh and not left <= before):
@@ -642,6 +655,8 @@ class RestProblem:
         left = self.left(found)
         if not left <= QUIET:
             raise self.failure(found.duration, f'{100.0 * left:.3g} % of the swing is left')
+        if near is not None and self._by_torque and self._beside(found, first) > 1.0:
+            raise self.failure(found.duration, 'a motion at rest is far')
         return found
 
     def _moved(
@@ -760,16 +775,29 @@ class RestProblem:
 
     def motion(self, found: TimedRest) -> RestMotion:
         """Return a motion that was found."""
-        times, shaped = self.shares * found.duration, self.shaped(found.coefficients)
+        shares, states = self.shares, found.motion
         if self._by_torque:
-            at, joints = self._at_steps(found), self.robot.joint_indices[self.driven.places]
-            spline = _spline_of(times, at.qd[:, joints], at.qdd[:, joints], *self.postures)
+            step, parts = found.duration / self.count, np.arange(FINER) / FINER
+            inner = np.stack([self.swings[0].after(part * step, states) for part in parts], axis=1)
+            shares = np.linspace(0.0, 1.0, FINER * self.count + 1)
+            q, qd = (
+                np.ascontiguousarray(np.vstack([rows.reshape(-1, self.robot.n), last[-1]]))
+                for rows, last in zip(np.split(inner, 2, axis=2), states[:2], strict=True)
+            )
+            states = Driven(q, qd, np.repeat(states.between, FINER, axis=0))
+            places = [(self.basis.design(shares), self.basis.fixed(*self._ends, shares))]
+            qdd = self._moments(found.coefficients, q, qd, places).qdd
+            joints = self.robot.joint_indices[self.driven.places]
+            spline = _spline_of(
+                shares * found.duration, qd[:, joints], qdd[:, joints], *self.postures
+            )
         else:
+            shaped = self.shaped(found.coefficients)
             spline = self.basis.spline(shaped, *self.postures, found.duration)
         return RestMotion(
             found.duration,
-            times,
-            found.motion,
+            shares * found.duration,
+            states,
             self.left(found),
             self.basis.rows,
             spline,
@@ -780,7 +808,7 @@ class RestProblem:
         """Return the ends of all steps, as shares (k,) of the duration, and the limits' there."""
         duration = found.duration
         at = self._at_steps(found)
-        return self.shares, self.rows.values(at, duration / self.count)
+        return self.shares, self.rows.shares(at, duration / self.count)
 
     def _at_steps(self, found: TimedRest) -> Moments:
         """Return a motion at the ends of its steps."""
