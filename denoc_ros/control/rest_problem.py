@@ -680,9 +680,9 @@ class RestProblem:
         And the change of the states (k, 2 n) that closes gaps after steps, by the derivatives of
         a motion near it, or its own.
         """
-        error, gap = found.errors[0], 0.0
+        error = found.errors[0]
         if found.gaps is None:
-            return float(np.linalg.norm(error)) / self.size, error, gap
+            return float(np.linalg.norm(error)) / self.size, error, 0.0
         by = self.change(found) if by is None else by
         gap = closing(by.passed, found.gaps)
         off = self.swings[0].seen(gap)
@@ -720,9 +720,9 @@ class RestProblem:
         by = error[:, : self._splines]
         metric = self._smooth
         if self._by_torque:  # the least change of torques may take light joints far
-            moved = self._trusted(states)[:, : self._splines]
+            to_joints = self._trusted(states)[:, : self._splines]
             metric = scipy.linalg.cho_factor(
-                self._hessian / self._plain_jerk + moved.T @ moved / len(moved)
+                self._hessian / self._plain_jerk + to_joints.T @ to_joints / len(to_joints)
             )
         towards = scipy.linalg.cho_solve(metric, by.T)
         back = np.zeros((self._count, len(by)))

@@ -105,8 +105,12 @@ def test_one_link_is_as_fast_as_by_ipopt() -> None:
     assert plan.limits.binding().count('') < 0.15 * len(plan.t)  # a limit binds all the time
 
 
-def test_light_joints_of_a_long_arm_keep_a_limit_at_its_bound() -> None:
+def test_light_joints_of_a_long_arm_keep_a_limit_at_its_bound(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """A torque that is off by 1 % takes its wrist by radians: no search got anywhere there."""
+    monkeypatch.setattr('denoc_ros.control.rest_to_rest.UNKNOWNS', 120)
+    monkeypatch.setattr('denoc_ros.control.rest_to_rest.LEAST_FINE', 20)
     text = (ROBOTS / 'ssrms.urdf').read_text().replace('craig-bampton', 'clamped-free')
     text = re.sub(r'<bending direction="y"[^>]*/>', '', text.replace('modes="2"', 'modes="1"'))
     robot = dn.load_robot(text, gravity=(0, 0, 0))
@@ -118,7 +122,7 @@ def test_light_joints_of_a_long_arm_keep_a_limit_at_its_bound() -> None:
     assert plan.limits is not None
     assert max(plan.limits.largest.values()) <= 1.001
     assert plan.limits.binding().count('') < 0.15 * len(plan.t)
-    assert plan.t[-1] < 7.55  # 7.64 s and nothing at its limit with the joints as unknowns
+    assert plan.t[-1] < 7.7  # 7.90 s where states were no unknowns
     joints = robot.joint_indices
     assert not plan.qd[[0, -1]][:, joints].any()
     np.testing.assert_allclose(plan.q[-1, joints], first + 0.5, atol=1e-9)
