@@ -203,18 +203,43 @@ class EndSwing:
             np.ascontiguousarray(states[:, :n]), np.ascontiguousarray(states[:, n:]), between
         )
 
+    def after(self, step: float, motion: Driven) -> Array:
+        """Return the states (k - 1, 2 n) a step [s] after those of a motion under net torques."""
+        net, n = self.net, self.net.n
+        forces = np.zeros((len(motion.between), n))
+        forces[:, net.joint_indices] = motion.between
+        before = np.hstack([motion.q, motion.qd])[:-1]
+
+        def slope(state: Array) -> Array:
+            q, qd = (np.ascontiguousarray(each) for each in np.split(state, 2, axis=1))
+            return np.hstack([qd, net.forward_dynamics(q, qd, forces)])
+
+        first = slope(before)
+        second = slope(before + 0.5 * step * first)
+        third = slope(before + 0.5 * step * second)
+        last = slope(before + step * third)
+        return np.asarray(before + step / 6.0 * (first + 2.0 * second + 2.0 * third + last))
+
+    def gaps(self, step: float, motion: Driven) -> Array:
+        """Return how far each step [s] under net torques ends from the next state (k - 1, 2 n)."""
+        return self.after(step, motion) - np.hstack([motion.q, motion.qd])[1:]
+
     def error(self, motion: Driven) -> Array:
         """Return what is left (m,): modal amplitudes times omega, modal rates."""
-        off = motion.q[-1] - self._goal
-        return np.asarray(self._observe @ np.concatenate((off, motion.qd[-1])))
+        return self.seen(np.concatenate((motion.q[-1] - self._goal, motion.qd[-1])))
+
+    def seen(self, change: Array) -> Array:
+        """Return what changes (..., 2 n) of all coordinates and their rates leave (..., m)."""
+        return np.asarray(change @ self._observe.T)
 
     def change(
         self, step: float, motion: Driven, drives: tuple[Array, ...]
-    ) -> tuple[Array, Array]:
+    ) -> tuple[Array, Array, Array]:
         """Return the derivatives of the residual vibration and of a motion by p parameters.
 
-        Of the error (m, p), and of all coordinates and their rates at the ends of steps
-        (k, 2 n, p); joints that are driven by accelerations have none in it.
+        Of the error (m, p), of all coordinates and their rates at the ends of steps (k, 2 n, p),
+        and how each step passes on a change of those that move (k - 1, 2 moved, 2 moved); joints
+        that are driven by accelerations are not among them.
 
         Parameters
         ----------
@@ -248,12 +273,20 @@ class EndSwing:
         system[:, :m, m:] = np.eye(m)
         system[:, m:, :m], system[:, m:, m:] = by_q, by_qd
         halves = _exponentials(0.5 * step * system)
-        pushed = np.zeros((k, 2 * m, p))
-        pushed[:, m:] = step * gained
+        passed = halves @ halves
+        pushed = step * halves[:, :, m:] @ gained
         moved = np.concatenate((free, n + free))
         states = np.zeros((k + 1, 2 * n, p))
         here = states[0, moved]
-        for node, half in enumerate(halves):
-            here = half @ (half @ here + pushed[node])
+        for node in range(k):
+            here = passed[node] @ here + pushed[node]
             states[node + 1, moved] = here
-        return np.asarray(self._observe @ states[-1]), states
+        return np.asarray(self._observe @ states[-1]), states, passed
+
+
+def closing(passed: Array, gaps: Array) -> Array:
+    """Return the change of a motion (k, 2 n) that closes the gaps after its steps."""
+    states = np.zeros((len(gaps) + 1, gaps.shape[1]))
+    for node, gap in enumerate(gaps):
+        states[node + 1] = passed[node] @ states[node] + gap
+    return states

@@ -221,15 +221,26 @@ class LimitRows:
     frames : sequence of str
         The tips.
     limits : PlanLimits
+    all_stations : bool
+        Whether each station of a beam has a row of its strain or moment, else only the largest:
+        that jumps between stations, and a program that bends one of them less does not see the
+        next.
 
     Attributes
     ----------
     names : tuple of str
-        Of the rows: a limit and whose.
+        A limit and whose.
+    row_names : tuple of str
+        The same of each row.
     """
 
     def __init__(
-        self, robot: Robot, driven: Int, frames: tuple[str, ...], limits: PlanLimits
+        self,
+        robot: Robot,
+        driven: Int,
+        frames: tuple[str, ...],
+        limits: PlanLimits,
+        all_stations: bool = False,
     ) -> None:
         self._robot, self._driven, self._frames, self._limits = robot, driven, frames, limits
         names = [robot.coordinate_names[k] for k in driven]
@@ -241,17 +252,21 @@ class LimitRows:
             size = self._joints.room if what == 'position' else getattr(self._joints, what)
             found += [(what, name) for name, one in zip(names, size, strict=True) if one < np.inf]
         self._bends: list[tuple[Array, bool]] = []
+        self._all_stations = all_stations
         for what, each in (('strain', limits.strain), ('moment', limits.moment)):
             for link, limit in each.items():
-                found.append((what, link))
                 self._bends.append(_bending_rows(robot, link, what, limit))
+                found += [(what, link)] * (len(self._bends[-1][0]) if all_stations else 1)
         found += [('deflection', link) for link in limits.deflection]
         for what in TIPS[:2]:
             if getattr(limits, what) < np.inf:
                 found += [(what, frame) for frame in frames]
         if limits.power < np.inf:
             found.append(('power', 'all joints'))
-        self.names = tuple(' '.join(each) for each in found)
+        self.row_names = tuple(' '.join(each) for each in found)
+        self.names, first = tuple(dict.fromkeys(self.row_names)), self.row_names.index
+        self._first = [first(name) for name in self.names]
+        self._limit = np.array([self.names.index(name) for name in self.row_names], dtype=np.int64)
         self.widen()
 
     def widen(self) -> None:
@@ -259,7 +274,7 @@ class LimitRows:
         self._narrowed = np.ones((PLACES + 1, len(self.names)))
 
     def narrow(self, where: Array, shares: Array) -> None:
-        """Make limits narrower where shares (k, rows) are beyond them.
+        """Make limits narrower where shares (k, names) are beyond them.
 
         `where` (k,) are places along the motion, from 0 to 1.
         """
@@ -274,18 +289,23 @@ class LimitRows:
         low = np.minimum(at.astype(np.int64), PLACES - 1)
         share = (at - low)[:, None]
         low_share = (1.0 - share) * self._narrowed[low]
-        return np.asarray(low_share + share * self._narrowed[low + 1])
+        return np.asarray(low_share + share * self._narrowed[low + 1])[:, self._limit]
 
     def values(self, at: Moments, step: float) -> Array:
         """Return the shares (k, rows); signed for joints, 1 or -1 at the limit."""
         parts = [value for value, _ in self._rows(at, step)]
         return np.concatenate(parts, axis=1) if parts else np.zeros((len(at.q), 0))
 
+    def shares(self, at: Moments, step: float) -> Array:
+        """Return the largest shares (k, names)."""
+        values = np.abs(self.values(at, step))
+        return np.maximum.reduceat(values, self._first, axis=1) if self._first else values
+
     def use(self, plan: Plan) -> LimitUse:
         """Return how much of the limits a plan uses."""
         at = Moments(plan.q, plan.qd, plan.qdd, plan.torque)
         step = float(plan.t[-1] - plan.t[0]) / (len(plan.t) - 1)
-        return LimitUse(self.names, np.abs(self.values(at, step)), {})
+        return LimitUse(self.names, self.shares(at, step), {})
 
     def changes(self, at: Moments, step: float, by: Moments) -> Array:
         """Return the derivatives (k, rows, p) of the shares by the motion's parameters."""
@@ -312,7 +332,7 @@ class LimitRows:
         yield over(own.effort, lambda m: m.torque, 0.0)
         yield over(own.effort_rate, lambda m: slope(m.torque), 0.0)
         for rows, corners in self._bends:
-            yield _largest_bend(rows, corners, at)
+            yield _bends(rows, corners, at, self._all_stations)
         for link, limit in self._limits.deflection.items():
             yield self._deflection(link, limit, at)
         yield from self._tips(at, step)
@@ -371,17 +391,18 @@ def _norm(vectors: Array, change: Callable[[Moments], Array], limit: float) -> R
     return size / limit, lambda by: np.einsum('kc,kcp->kp', along, change(by))[:, None] / limit
 
 
-def _largest_bend(rows: Array, corners: bool, at: Moments) -> Row:
-    """Return the row of the largest bend over the stations (s, 2, n) at each moment."""
-    both = np.einsum('sin,kn->ksi', rows, at.q)
-    sizes = np.abs(both).sum(axis=2) if corners else np.linalg.norm(both, axis=2)
-    most = sizes.argmax(axis=1)
-    moments = np.arange(len(at.q))
-    here = both[moments, most]
-    size = sizes[moments, most]
-    along = np.sign(here) if corners else here / np.maximum(size, 1e-12)[:, None]
-    gain = np.einsum('ki,kin->kn', along, rows[most])
-    return size[:, None], lambda by: np.einsum('kn,knp->kp', gain, by.q)[:, None]
+def _bends(rows: Array, corners: bool, at: Moments, every: bool) -> Row:
+    """Return rows of the bends at all stations (s, 2, n), or of the largest at each moment."""
+    here = np.einsum('sin,kn->ksi', rows, at.q)
+    sizes = np.abs(here).sum(axis=2) if corners else np.linalg.norm(here, axis=2)
+    stations = np.arange(len(rows))[None] if every else sizes.argmax(axis=1)[:, None]
+    here = np.take_along_axis(here, stations[:, :, None], axis=1)
+    sizes = np.take_along_axis(sizes, stations, axis=1)
+    along = np.sign(here) if corners else here / np.maximum(sizes, 1e-12)[:, :, None]
+    gain = np.einsum(
+        'ksi,ksin->ksn', along, np.broadcast_to(rows[stations], (*here.shape, rows.shape[2]))
+    )
+    return sizes, lambda by: gain @ by.q
 
 
 def _bending_rows(robot: Robot, link: str, what: str, limit: float) -> tuple[Array, bool]:

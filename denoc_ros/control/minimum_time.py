@@ -340,7 +340,9 @@ def checked_plan(
 
     found = kept(problem, found, rows, look, stopped, search)
     plan, use = plans[-1]
-    gains = {name: 0.01 * gain for name, gain in zip(problem.names, found.gains, strict=True)}
+    gains = dict.fromkeys(problem.names, 0.0)
+    for name, gain in zip(problem.names, found.gains, strict=True):
+        gains[name] += 0.01 * gain
     return replace(plan, limits=replace(use, gains=gains, settled=found.settled))
 
 

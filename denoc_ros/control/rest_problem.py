@@ -13,13 +13,14 @@ from numpy.typing import ArrayLike
 from scipy.interpolate import BSpline, CubicHermiteSpline, PPoly
 
 from denoc_ros.control.driven_joints import DrivenJoints
-from denoc_ros.control.end_swing import Driven, EndSwing, free_motion, moments_change
+from denoc_ros.control.end_swing import Driven, EndSwing, closing, free_motion, moments_change
 from denoc_ros.control.limit_rows import LimitRows, Moments
 from denoc_ros.control.minimum_time import Part
 from denoc_ros.control.plan import Plan
 from denoc_ros.control.ringing import fastest_mode, ringing_modes
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import SolverError
+from denoc_ros.model.friction import Friction
 from denoc_ros.types import Array, IntArray
 
 PER_SEGMENT = {1: 2, 3: 2, 5: 6}  # moments at which limits are looked at, by the splines' degree
@@ -29,11 +30,13 @@ STEPS = 200  # of the simulated motion, at least
 # of the fastest mode that rests, and of the fastest of all: while unknowns are few, and after
 STEPS_PER_PERIOD = (20.0, 60.0), (10.0, 40.0)
 STEPS_BY_TORQUE, MOMENTS_BY_TORQUE = 20.0, 8.0  # of the fastest mode whose joints are free
+LEAST_BY_TORQUE = 480  # moments
+FINER = 4  # parts of these steps, between which splines follow accelerations
 QUIET = 1e-3  # share of the plain motion's swing that counts as rest
 EXACT = 1e-4  # share to which the search brings it
 STANDS = 1e-9  # rad, m: a way that is none
 NEWTON = 10  # steps to rest
-SLOWLY = 0.3  # share of a swing that a step with the derivatives of the motion before leaves
+SLOWLY = 0.1  # share of a swing that a step with the derivatives of the motion before leaves
 # durations that the plain motion's mean square of jerk costs in minimum time, without and with
 # jumps, and that of the torques' slope
 SMOOTH, SMOOTH_TORQUES = (1e-7, 1e-9), 1e-6
@@ -45,6 +48,7 @@ FASTER = 1.0, 0.9, 0.8, 0.7  # plain motions of which the largest swing is that 
 PARTS = 16  # of a segment, over which jerks are means
 STEP_OF_JOINTS, STEP_OF_TORQUES = 0.3, 2.0  # scale of a trust region
 RIDGE = 1e-6  # price of a square of a step of torques
+RIDGE_OF_JOINTS = 1e-2  # and of the mean square of how far joints move, over their steps
 TRUSTED = 15  # moments on the way at which joints change by that
 
 
@@ -199,9 +203,15 @@ class TimedRest:
     cost: float
     shares: Array
     at: Moments
-    motion: Driven
-    errors: tuple[Array, ...]  # that rings at the end, of each robot
+    motions: tuple[Driven, ...]  # of each robot
+    errors: tuple[Array, ...]  # that rings at their ends
+    gaps: Array | None  # (k - 1, 2 n), after the steps of a motion that is not simulated
     change: list[_Change] = field(default_factory=list)  # once it was asked for
+
+    @property
+    def motion(self) -> Driven:
+        """Of the robot itself."""
+        return self.motions[0]
 
 
 @dataclass(frozen=True)
@@ -216,11 +226,14 @@ class _Change:
         Of all coordinates and their rates at the ends of steps.
     back : (p, m) array
         The smoothest change of coefficients for a residual vibration.
+    passed : array
+        How steps pass on a change of the states (see :meth:`EndSwing.change`).
     """
 
     errors: tuple[Array, ...]
     states: Array
     back: Array
+    passed: Array
 
 
 @dataclass(frozen=True)
@@ -237,18 +250,22 @@ class RestCost:
         hessian, gradient = problem.curvature(here)
         own = problem.change(here).errors[0]
         size = np.linalg.norm(own * scale, axis=1)
+        trusted = problem.trusted(here) * scale
+        ridge = problem.ridge * np.eye(len(c))
+        if len(trusted):
+            ridge += 2.0 * RIDGE_OF_JOINTS / len(trusted) * trusted.T @ trusted
         return Part(
             scale,
             least,
             most,
             gradient * scale / unit,
-            hessian * scale * scale[:, None] / unit + problem.ridge * np.eye(len(c)),
+            hessian * scale * scale[:, None] / unit + ridge,
             here.cost / unit,
             sparse.csr_array(own * scale / size[:, None]),
             -here.errors[0] / size,
             [clarabel.ZeroConeT(len(size))],
             0.0 if problem.gentle else ROOM,
-            problem.trusted(here) * scale,
+            trusted,
         )
 
 
@@ -312,7 +329,7 @@ class RestProblem:
         self._free = free_motion(self.robot, last)[0] if self._by_torque else 0.0
         self._all = fastest_mode(self.robot, last, self.fastest)
         count = 0 if waypoints is None else len(waypoints.postures)
-        self.names = rows.names + tuple(
+        self.names = rows.row_names + tuple(
             f'waypoint {k + 1}' for k in range(count) for _ in range(3)
         )
         self.price, self.steady = (FIRM, STEADY) if gentle else (1.0, STEADY)
@@ -334,7 +351,8 @@ class RestProblem:
     def refine(self, duration: float, fine: int) -> None:
         """Take steps for a duration [s]: coarse (0) or fine (1) ones."""
         turns = self._free * duration  # of the fastest mode that torques excite
-        each, self._look = self.basis.moments(max(MOMENTS[fine], MOMENTS_BY_TORQUE * turns))
+        least = LEAST_BY_TORQUE if self._by_torque else MOMENTS[fine]
+        each, self._look = self.basis.moments(max(least, MOMENTS_BY_TORQUE * turns))
         nodes = each * self.basis.segments
         rests, every = (each[fine] for each in STEPS_PER_PERIOD)
         # splines excite modes little that are faster than their segments
@@ -475,8 +493,16 @@ class RestProblem:
         """Return how joints change on the way under torques (t, p), over their steps."""
         if not self._by_torque:
             return np.zeros((0, self._count))
+        return self._trusted(self.change(here).states)
+
+    def _beside(self, found: TimedRest, motion: Driven) -> float:
+        """Return how far the joints of a motion are from another's, over their steps."""
+        off = (found.motion.q - motion.q)[:, self.robot.joint_indices]
+        return float((np.abs(off).max(axis=0) / (STEP_OF_JOINTS * self._way)).max())
+
+    def _trusted(self, states: Array) -> Array:
         at = np.linspace(0, self.count, TRUSTED + 2).astype(np.int64)[1:-1]
-        moved = self.change(here).states[at][:, self.robot.joint_indices]
+        moved = states[at][:, self.robot.joint_indices]
         return np.concatenate(moved / (STEP_OF_JOINTS * self._way)[:, None])
 
     def shares_at(self, found: TimedRest, here: TimedRest) -> Array:
@@ -521,14 +547,21 @@ class RestProblem:
         """Return the splines' coefficients (free, driven)."""
         return np.asarray(x[: self._splines].reshape(len(self._way), -1).T)
 
-    def run(self, x: Array) -> TimedRest:
-        """Return the motion with coefficients, whatever rings at its end."""
+    def run(self, x: Array, near: Driven | None = None) -> TimedRest:
+        """Return the motion with coefficients, whatever rings at its end.
+
+        One by torques may be given by the states near it, with gaps after their steps.
+        """
         self._check()
         duration, swings = float(x[-1]), self.swings
         step = duration / self.count
         between = self._rows(x, self._between)
+        motions, gaps = [], None
+        if near is not None:
+            motions.append(near._replace(between=between))
+            gaps = swings[0].gaps(step, motions[0])
         if self._by_torque:
-            motions = [swing.run_by_torque(step, between) for swing in swings]
+            motions += [swing.run_by_torque(step, between) for swing in swings[len(motions) :]]
         else:
             q, qd = (self._rows(x, self._at_ends, order) for order in range(2))
             motions = [swing.run(step, q, qd, between) for swing in swings]
@@ -546,8 +579,9 @@ class RestProblem:
             self._cost(x, errors),
             np.hstack([shares, passed]),
             at,
-            own,
+            tuple(motions),
             errors,
+            gaps,
         )
 
     def _rows(self, x: Array, places: Places, order: int | None = None) -> Array:
@@ -594,29 +628,70 @@ class RestProblem:
         return size.ravel() / radius, gain.reshape(-1, self.robot.n) / radius, steps
 
     def solve(self, coefficients: Array, near: tuple[TimedRest, Array] | None) -> TimedRest:
-        """Return the motion with coefficients (p,) that is at rest at its end."""
+        """Return the motion with coefficients (p,) that is at rest at its end.
+
+        Errors of second order add up along a motion by torques, and take light joints far: so
+        its states are unknowns of Newton's method as well, from those of the motion near it on.
+        """
+        by: _Change | None = None
         if near is None:
-            found, back = self.run(coefficients), None
+            found = self.run(coefficients)
         else:
             old, change = near
-            found, back = self.run(old.coefficients + change), self.change(old).back
-        left = np.inf
+            found = self._moved(old, self.change(old), change)
+            by = None if change[-1] else self.change(old)
+        first, left, fresh = found.motion, np.inf, False
         for _ in range(NEWTON):
-            before, left = left, self.left(found)
-            if left <= EXACT or (back is None and left > before):
+            before, (left, error, gap) = left, self._off(found, by)
+            if left <= EXACT or (fresh and not left <= before):
                 break
-            if back is not None and left > SLOWLY * before:
-                back = None
-            step = self.change(found).back if back is None else back
-            found = self.run(found.coefficients - step @ found.errors[0])
+            if by is not None and not left <= SLOWLY * before:
+                by = None
+                left, error, gap = self._off(found, by)
+            fresh = by is None
+            step = self.change(found) if by is None else by
+            found = self._moved(found, step, -step.back @ error, gap)
+            by = step if self._by_torque else by
         left = self.left(found)
         if not left <= QUIET:
             raise self.failure(found.duration, f'{100.0 * left:.3g} % of the swing is left')
+        if near is not None and self._by_torque and self._beside(found, first) > 1.0:
+            raise self.failure(found.duration, 'a motion at rest is far')
         return found
+
+    def _moved(
+        self, old: TimedRest, by: _Change, change: Array, more: Array | float = 0.0
+    ) -> TimedRest:
+        """Return the motion after a change of coefficients, and of states (k, 2 n) under torques.
+
+        There the states are those to first order.
+        """
+        x = old.coefficients + change
+        if not self._by_torque:
+            return self.run(x)
+        moved = by.states @ (self.lasting(x, old.duration) - old.coefficients) + more
+        q, qd = np.split(moved, 2, axis=1)
+        qd = (old.duration / x[-1]) * (old.motion.qd + qd)
+        return self.run(x, Driven(old.motion.q + q, qd, old.motion.between))
+
+    def _off(self, found: TimedRest, by: _Change | None) -> tuple[float, Array, Array | float]:
+        """Return the share of the plain motion's swing that is left, and how much (m,).
+
+        And the change of the states (k, 2 n) that closes gaps after steps, by the derivatives of
+        a motion near it, or its own.
+        """
+        error = found.errors[0]
+        if found.gaps is None:
+            return float(np.linalg.norm(error)) / self.size, error, 0.0
+        by = self.change(found) if by is None else by
+        gap = closing(by.passed, found.gaps)
+        off = self.swings[0].seen(gap)
+        off[-1] += error
+        return float(np.linalg.norm(off, axis=1).max()) / self.size, off[-1], gap
 
     def left(self, solution: TimedRest) -> float:
         """Residual vibration as a share of the plain motion's."""
-        return float(np.linalg.norm(solution.errors[0])) / self.size
+        return self._off(solution, None)[0]
 
     def failure(self, duration: float, why: str) -> SolverError:
         """Return the error of a motion that was not found."""
@@ -632,23 +707,27 @@ class RestProblem:
         return here.change[0]
 
     def _changed(self, here: TimedRest) -> _Change:
-        motion, step = here.motion, here.duration / self.count
+        step = here.duration / self.count
         joints, n = self.robot.joint_indices, self.robot.n
         drives = self._drives(self._between, here.duration)
-        error, states = self.swings[0].change(step, motion, drives)
+        error, states, passed = self.swings[0].change(step, here.motion, drives)
         if not self._by_torque:
             moved = self._drives(self._at_ends, here.duration)
             states[:, joints], states[:, n + joints] = moved[:2]
         errors = [error]
-        q, qd = motion.q[:, joints], motion.qd[:, joints]
-        for swing in self.swings[1:]:
-            other = swing.run(step, q, qd, motion.between)
-            errors.append(swing.change(step, other, drives)[0])
+        for swing, motion in zip(self.swings[1:], here.motions[1:], strict=True):
+            errors.append(swing.change(step, motion, drives)[0])
         by = error[:, : self._splines]
-        towards = scipy.linalg.cho_solve(self._smooth, by.T)
+        metric = self._smooth
+        if self._by_torque:  # the least change of torques may take light joints far
+            to_joints = self._trusted(states)[:, : self._splines]
+            metric = scipy.linalg.cho_factor(
+                self._hessian / self._plain_jerk + to_joints.T @ to_joints / len(to_joints)
+            )
+        towards = scipy.linalg.cho_solve(metric, by.T)
         back = np.zeros((self._count, len(by)))
         back[: self._splines] = towards @ np.linalg.pinv(by @ towards, rcond=1e-10, hermitian=True)
-        return _Change(tuple(errors), states, back)
+        return _Change(tuple(errors), states, back, passed)
 
     def _drives(self, places: Places, duration: float) -> tuple[Array, ...]:
         """Return how all joints' torques, or motion and its derivatives, change.
@@ -671,15 +750,19 @@ class RestProblem:
         drive = self._drives(self._at_moments, solution.duration)[-1]
         states, at = by.states[self._nodes], solution.at
         if self._by_torque:
-            joints, forces = (
-                robot.joint_indices,
-                self._forces(solution.coefficients, self._at_moments),
-            )
+            joints = robot.joint_indices
+            forces = self._forces(solution.coefficients, self._at_moments)
             of = self.swings[0].net.forward_dynamics_derivatives(at.q, at.qd, forces)
             q, qd = np.split(states, 2, axis=1)
-            own, other, by_force = (each[:, joints] for each in of)
-            drive = own @ q + other @ qd + by_force[:, :, joints] @ drive
-        moments = moments_change(robot, at, drive, states)
+            slope = Friction(np.zeros(len(joints)), robot.friction[joints]).slope(at.qd[:, joints])
+            moments = Moments(
+                q,
+                qd,
+                of[0] @ q + of[1] @ qd + of[2][:, :, joints] @ drive,
+                drive + slope[:, :, None] * qd[:, joints],
+            )
+        else:
+            moments = moments_change(robot, at, drive, states)
         moments = moments._replace(torque=self.driven.ties.T @ moments.torque)
         rows = self.rows.changes(solution.at, step * self._every, moments)
         rows *= self.rows.narrowed(self._look)[:, :, None]
@@ -692,16 +775,29 @@ class RestProblem:
 
     def motion(self, found: TimedRest) -> RestMotion:
         """Return a motion that was found."""
-        times, shaped = self.shares * found.duration, self.shaped(found.coefficients)
+        shares, states = self.shares, found.motion
         if self._by_torque:
-            at, joints = self._at_steps(found), self.robot.joint_indices[self.driven.places]
-            spline = _spline_of(times, at.qd[:, joints], at.qdd[:, joints], *self.postures)
+            step, parts = found.duration / self.count, np.arange(FINER) / FINER
+            inner = np.stack([self.swings[0].after(part * step, states) for part in parts], axis=1)
+            shares = np.linspace(0.0, 1.0, FINER * self.count + 1)
+            q, qd = (
+                np.ascontiguousarray(np.vstack([rows.reshape(-1, self.robot.n), last[-1]]))
+                for rows, last in zip(np.split(inner, 2, axis=2), states[:2], strict=True)
+            )
+            states = Driven(q, qd, np.repeat(states.between, FINER, axis=0))
+            places = [(self.basis.design(shares), self.basis.fixed(*self._ends, shares))]
+            qdd = self._moments(found.coefficients, q, qd, places).qdd
+            joints = self.robot.joint_indices[self.driven.places]
+            spline = _spline_of(
+                shares * found.duration, qd[:, joints], qdd[:, joints], *self.postures
+            )
         else:
+            shaped = self.shaped(found.coefficients)
             spline = self.basis.spline(shaped, *self.postures, found.duration)
         return RestMotion(
             found.duration,
-            times,
-            found.motion,
+            shares * found.duration,
+            states,
             self.left(found),
             self.basis.rows,
             spline,
@@ -712,7 +808,7 @@ class RestProblem:
         """Return the ends of all steps, as shares (k,) of the duration, and the limits' there."""
         duration = found.duration
         at = self._at_steps(found)
-        return self.shares, self.rows.values(at, duration / self.count)
+        return self.shares, self.rows.shares(at, duration / self.count)
 
     def _at_steps(self, found: TimedRest) -> Moments:
         """Return a motion at the ends of its steps."""

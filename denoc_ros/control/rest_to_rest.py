@@ -51,11 +51,12 @@ PERIODS, GROWTH = 200.0, 6.0  # of free modes and of a fall, in a motion by torq
 ROUNDS = 30  # of the smoothest motion
 DURATIONS, LEAST, HOLD = 40, 15, 16  # that are tried, at least, and more where they stay
 LATELY, STILL = 8, 4e-3  # durations that differ by such a share: they save little more
-LITTLE, AWHILE = 1e-3, 4  # share by which a duration is longer that stays, and steps in it
+LITTLE, AWHILE = 5e-4, 4  # share by which a duration is longer that stays, and steps in it
 FAR, NARROW = 1.0, 0.01  # share beyond limits where no search ends, and the least radius
 POWER, POWERS = 2.0, (0.5, 4.0)  # of the duration with which the share that is needed falls
 APART, BESIDE = 0.01, 0.04  # shares of a duration: two say with which power, or are one problem
 LEAP = 1.6  # times a duration that the next one is, at most
+BESIDES = 0.1
 RADIUS, NEARER = 1.0, 0.5  # of programs, and what shrinks it
 FASTER, SLOWER = 0.2, 0.6  # shares to which an excess falls where it grows, or else shrinks
 LESS, BOLD = 0.996, 0.3  # share of the limits that saves time, and excess at which it grows
@@ -344,6 +345,7 @@ def quickest(
     durations: int,
     close: tuple[float, float] = CLOSE,
     longest: float = np.inf,
+    radius: float = RADIUS,
 ) -> Found[TimedRest]:
     """Return the motion in the shortest duration that was found (see :func:`shortest`).
 
@@ -355,7 +357,7 @@ def quickest(
     """
     best: Found[TimedRest] | None = None
     here: TimedRest | None = None
-    x, radius, power, last, most = start, RADIUS, POWER, 0.0, 1.0
+    x, power, last, most = start, POWER, 0.0, 1.0
     tried: list[float] = []
     hold = 0.0
     for k in range(durations + HOLD):
@@ -366,7 +368,7 @@ def quickest(
         if best is not None and best.solution.duration <= hold:
             return best
         try:
-            there = problem.solve(x, None)
+            there = problem.solve(x, None if here is None else (here, x - here.coefficients))
         except CancelledError:
             raise
         except SolverError:
@@ -438,7 +440,8 @@ def _slowed(problem: RestProblem, there: TimedRest, power: float) -> TimedRest:
             break
         seconds = (1.0 + 1.1 * excess(there)) ** (1.0 / power) * there.duration
         try:
-            there = problem.solve(problem.lasting(there.coefficients, seconds), None)
+            x = problem.lasting(there.coefficients, seconds)
+            there = problem.solve(x, (there, x - there.coefficients))
         except SolverError:
             break
     return there
@@ -452,7 +455,7 @@ def tightened(
     _rounds: int,
 ) -> Found[TimedRest]:
     """Return a motion that keeps narrower limits in little more than the duration of another."""
-    return quickest(problem, start, progress, stopped, 0)
+    return quickest(problem, start, progress, stopped, 0, radius=BESIDES)
 
 
 def rest_to_rest(
@@ -535,11 +538,11 @@ def rest_search(
         for share in (-robustness, robustness)
         if robustness
     ]
-    rows = LimitRows(robot, robot.indices(driven.names), frames, limits)
+    rows = LimitRows(robot, robot.indices(driven.names), frames, limits, all_stations=True)
     rest = np.array([robot.static_deflection(driven.all(posture)) for posture in found])
     still = np.zeros_like(rest)
     torque = driven.torque(robot.inverse_dynamics(rest, still, still)[:, robot.joint_indices])
-    require_rest(rows.names, rows.values(Moments(rest, still, still, torque), 1.0))
+    require_rest(rows.row_names, rows.values(Moments(rest, still, still, torque), 1.0))
     return RestSearch(robots, driven, found, limits, rows, modes, waypoints, check)
 
 

@@ -207,7 +207,8 @@ def test_times_of_stations_have_their_derivatives() -> None:
     )
 
 
-def test_limit_rows_have_their_derivatives(canadarm: dn.Robot) -> None:
+@pytest.mark.parametrize('all_stations', [False, True])
+def test_limit_rows_have_their_derivatives(canadarm: dn.Robot, all_stations: bool) -> None:
     names = ('velocity', 'acceleration', 'jerk', 'effort', 'effort_rate')
     beyond = {
         'moment': 100.0,
@@ -217,7 +218,8 @@ def test_limit_rows_have_their_derivatives(canadarm: dn.Robot) -> None:
         'power': 50.0,
     }
     limits = motion_limits(canadarm, dict.fromkeys(names, 2.0), beyond)
-    rows = LimitRows(canadarm, canadarm.joint_indices, ('tool',), limits)
+    rows = LimitRows(canadarm, canadarm.joint_indices, ('tool',), limits, all_stations)
+    assert len(set(rows.row_names)) == len(rows.names)
     random = np.random.default_rng(0)
     t = np.linspace(0.0, 1.0, 30)[:, None]
     wave = np.sin(3.0 * t + random.uniform(size=canadarm.n)) ** 2
@@ -231,3 +233,5 @@ def test_limit_rows_have_their_derivatives(canadarm: dn.Robot) -> None:
     expected = (rows.values(ahead, 0.04) - rows.values(behind, 0.04)) / (2.0 * step)
     found = rows.changes(at, 0.04, by)[..., 0]
     np.testing.assert_allclose(found, expected, rtol=1e-4, atol=1e-5)
+    largest = LimitRows(canadarm, canadarm.joint_indices, ('tool',), limits).shares(at, 0.04)
+    np.testing.assert_allclose(rows.shares(at, 0.04), largest, rtol=1e-12)

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import numpy as np
 import pytest
+from control_runs import ROBOTS
 from planar_chains import FLEXIBLE, planar_chain
 from rest_by_ipopt import Beams, RestBeams
 from scipy.optimize import brentq
@@ -101,6 +103,33 @@ def test_one_link_is_as_fast_as_by_ipopt() -> None:
     assert plan.t[-1] == pytest.approx(least, rel=0.005)
     assert plan.limits is not None
     assert plan.limits.binding().count('') < 0.15 * len(plan.t)  # a limit binds all the time
+
+
+def test_light_joints_of_a_long_arm_keep_a_limit_at_its_bound(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A torque that is off by 1 % takes its wrist by radians: no search got anywhere there."""
+    monkeypatch.setattr('denoc_ros.control.rest_to_rest.UNKNOWNS', 120)
+    monkeypatch.setattr('denoc_ros.control.rest_to_rest.LEAST_FINE', 20)
+    text = (ROBOTS / 'ssrms.urdf').read_text().replace('craig-bampton', 'clamped-free')
+    text = re.sub(r'<bending direction="y"[^>]*/>', '', text.replace('modes="2"', 'modes="1"'))
+    robot = dn.load_robot(text, gravity=(0, 0, 0))
+    first = np.array([0.2, 0.5, -0.9, 0.4, 0.3, 0.2])
+    effort = [1000.0, 1000.0, 1000.0, 200.0, 200.0, 200.0]
+    plan = dn.shape_motion(
+        robot, [0, 9], [first, first + 0.5], 'rest_to_rest', time='minimum', effort=effort
+    )
+    assert plan.limits is not None
+    assert max(plan.limits.largest.values()) <= 1.001
+    assert plan.limits.binding().count('') < 0.15 * len(plan.t)
+    assert plan.t[-1] < 7.7  # 7.90 s where states were no unknowns
+    joints = robot.joint_indices
+    assert not plan.qd[[0, -1]][:, joints].any()
+    np.testing.assert_allclose(plan.q[-1, joints], first + 0.5, atol=1e-9)
+    t = np.linspace(0.0, plan.t[-1], 201)
+    plain = first + 0.5 * cycloid(t, t[-1])[:, None]
+    left = swing_after(robot, plan.t, plan.q[:, joints], 'tool')
+    assert left < 0.02 * swing_after(robot, t, plain, 'tool')
 
 
 def test_limits_hold_on_the_flexible_motion_and_nothing_rings() -> None:
