@@ -33,7 +33,7 @@ from denoc_ros.control.tip_solver import CancelledError, sensitivity
 from denoc_ros.errors import SolverError, StateError
 from denoc_ros.types import Array
 
-NODES = 300  # of a motion while its timing is looked for
+COARSER = 2.0  # times the usual step, while a timing is looked for
 SHARPEST = 4.0  # times their median: coefficients of a timing, so that it begins smoothly
 BEGINNINGS = 5  # motions, each slower, until one keeps the limits
 PIECES = 14  # of the splines of a timing
@@ -135,7 +135,7 @@ class TipMinimumTime:
         require_in_time(timing, self._asked, self._grids.options)
         asked = RetimedMotion(self._asked, timing)
         if near is None:
-            grid = self._grids.solve(asked, NODES, refine=False)
+            grid = self._grids.solve(asked, COARSER)
             require_rest(self.names, self._rows.values(at_rest(grid), 1.0))
             self._longest = -float(grid.nodes[0]), float(grid.nodes[-1]) - timing.duration
             self._error = grid.tip_error
