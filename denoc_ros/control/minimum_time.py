@@ -276,8 +276,12 @@ def shortest(
                     )
                 gain = -np.inf if found is None else cost - _cost(found, here.cost, price)
                 if found is not None and gain >= POOR * wanted:
-                    radius = min(2.0 * radius, MOST) if gain >= GOOD * wanted else radius
                     here, coefficients, gains = found, found.coefficients, gains_there
+                    good = gain >= GOOD * wanted
+                    # the next gain is as much less than this one as the step was short
+                    small = length < radius and length * wanted <= problem.steady
+                    settled = good and small and excess(here) <= NEAR
+                    radius = min(2.0 * radius, MOST) if good else radius
                     break
                 radius = 0.4 * min(radius, length)
             if radius < LEAST or stopped():
@@ -308,14 +312,15 @@ def shortest_plan(
     rows: LimitRows,
     progress: Callable[[float], object] | None,
     cancel: Callable[[], bool] | None,
+    search: Callable[..., Found[S]] = shortest,
 ) -> Plan:
     """Return the plan of the shortest motion, made a little slower where it needs that.
 
-    Arguments and errors as of :func:`shortest`.
+    Arguments and errors as of :func:`shortest`; `search` is it, or another with its arguments.
     """
     stopped = cancel or (lambda: False)
-    found = shortest(problem, first, progress or _quiet, stopped)
-    return checked_plan(problem, found, rows, stopped)
+    found = search(problem, first, progress or _quiet, stopped)
+    return checked_plan(problem, found, rows, stopped, search)
 
 
 def _quiet(_share: float) -> None:
@@ -367,8 +372,9 @@ def kept(
             return found
         narrowed = None
         if again < AGAIN:
-            # between the moments of the search: there the limits are made narrower
-            rows.narrow(places, np.abs(shares))
+            # between the moments of the search: there the limits are made narrower, so that the
+            # search has something to mend
+            rows.narrow(places, np.where(np.abs(shares) > 1.0, np.abs(shares) + WITHIN, 0.0))
             with suppress(SolverError):
                 narrowed = search(problem, found.coefficients, _quiet, stopped, TIGHTEN)
         if narrowed is not None and not np.array_equal(narrowed.coefficients, found.coefficients):
