@@ -371,12 +371,14 @@ def kept(
         if not beyond.max(initial=0.0) > WITHIN:
             return found
         narrowed = None
-        if again < AGAIN:
-            # between the moments of the search: there the limits are made narrower, so that the
-            # search has something to mend
-            rows.narrow(places, np.where(np.abs(shares) > 1.0, np.abs(shares) + WITHIN, 0.0))
-            with suppress(SolverError):
-                narrowed = search(problem, found.coefficients, _quiet, stopped, TIGHTEN)
+        with suppress(SolverError):
+            # between the moments of the search: there the limits are made narrower, until it has
+            # something to mend
+            for _ in range(AGAIN if again < AGAIN else 0):
+                rows.narrow(places, np.where(np.abs(shares) > 1.0, np.abs(shares), 0.0))
+                if excess(problem.solve(found.coefficients, None)) > NEAR:
+                    narrowed = search(problem, found.coefficients, _quiet, stopped, TIGHTEN)
+                    break
         if narrowed is not None and not np.array_equal(narrowed.coefficients, found.coefficients):
             found = replace(narrowed, settled=found.settled and narrowed.settled)
         else:
