@@ -1,6 +1,7 @@
 """Motions in minimum time against a single factor, and rigid ones against TOPP-RA.
 
-Prints tables: `python -m bench.fastest [PATHS] [ROBOT ...]`.
+Prints tables: `python -m bench.fastest [PATHS] [ROBOT ...]`; the robot `nodes` stands for the
+processor time of searches on ever finer grids.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ LEAST = 1e-9  # a strain that a link has at all
 SURFACE = 0.14  # m: the outer fibre of the arms' booms
 HURRIED = 0.8  # of its time, so that each path is beyond the limits
 SHARE = 0.8  # of the torques and strains that the motion as it was asked for needs
+STEPS, REPEATS = (0.16, 0.08, 0.04, 0.02), 3
 STARTS = {
     'canadarm': (10.0, np.radians([10.0, 40.0, 30.0]), np.radians([60.0, 45.0, 30.0])),
     'ssrms': (20.0, np.array([0.2, 0.5, -0.9, 0.4, 0.3, 0.2]), np.full(6, 0.5)),
@@ -84,6 +86,25 @@ def flexible(name: str, paths: int, own: bool) -> None:
         f'{name}, {whose} limits, {paths} paths: median {np.median(saved):.1f} % less (stiff '
         f'{np.median(possible):.1f} %), processor time {np.median(efforts):.0f} % in the median'
     )
+
+
+def growth(name: str) -> None:
+    """Print the processor time of searches on ever finer grids."""
+    robot = dn.load_robot(_description(name, True), gravity=(0, 0, 0))
+    times, joints = _path(name, 0, 1.0)
+    limits = _limits(robot, times, joints)
+    for step in STEPS:
+        took = []
+        for _ in range(REPEATS):
+            began = time.process_time()
+            plan = dn.shape_motion(robot, times, joints, time='minimum', step=step, **limits)
+            took.append(time.process_time() - began)
+        nodes = round(float(plan.t[-1] - plan.t[0]) / step)
+        print(
+            f'{name}: {nodes} nodes, {plan.stretch * times[-1]:.3f} s, processor time '
+            f'{np.median(took):.2f} s, {1e3 * np.median(took) / nodes:.2f} ms a node',
+            flush=True,
+        )
 
 
 def _path(name: str, seed: int, share: float) -> tuple[Array, Array]:
@@ -154,9 +175,11 @@ def rigid(name: str, paths: int) -> None:
 
 if __name__ == '__main__':
     count = int(sys.argv[1]) if len(sys.argv) > 1 else 20
-    for each in sys.argv[2:] or (*SHARES, *STARTS):
+    for each in sys.argv[2:] or (*SHARES, *STARTS, 'nodes'):
         if each in SHARES:
             rigid(each, count)
+        elif each == 'nodes':
+            growth('ssrms')
         else:
             for own in (False, True):
                 flexible(each, count, own)
