@@ -32,7 +32,7 @@ def compare(name: str) -> None:
     plan = dn.shape_motion(
         robot,
         TIMES,
-        cycloid(*WAY, 1.0)(TIMES),
+        cycloid(WAY[0], WAY[1], 1.0)(TIMES),
         time='minimum',
         turn=0.0,
         effort=efforts,
@@ -51,7 +51,7 @@ def compare(name: str) -> None:
     known = make_interp_spline(plan.t, np.concatenate([plan.q, share], axis=1), k=3)
     windows = plan.preaction, plan.postaction
     problem = PathBeams(
-        TWO, *WAY, EFFORT, 2 * TWO.links, curvature, windows=windows, tolerance=TOLERANCE
+        TWO, WAY[0], WAY[1], EFFORT, 2 * TWO.links, curvature, windows=windows, tolerance=TOLERANCE
     )
     for mesh in MESHES:
         least = problem.along(known, plan.stretch, mesh)
