@@ -5,7 +5,7 @@ Its tables and names of modules are the only seams; a test holds that they are s
 
 from __future__ import annotations
 
-from functools import partial
+from functools import lru_cache, partial
 from types import SimpleNamespace
 from typing import Any
 
@@ -20,13 +20,17 @@ from denoc_ros.yaml_text import YamlError, load_yaml
 __all__ = ['AnyReader']
 
 
+# topics have the same few qualities of service, and rosbags changes no value
+_value = lru_cache(maxsize=32)(load_yaml)
+
+
 class _BoundedYaml(YAML):
     """Reads by `load_yaml`; writes as before."""
 
     def load(self, stream: Any) -> Any:
         """Return the value of a text; YAMLError for a text that `load_yaml` refuses."""
         try:
-            return load_yaml(stream)
+            return _value(stream)
         except YamlError as error:
             raise YAMLError(str(error)) from error
 

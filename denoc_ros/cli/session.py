@@ -48,7 +48,7 @@ STOP_ORDER = ('player', 'viewer', 'shaper', 'feedforward', 'predictor', 'plant',
 START_ORDER = ('recorder', 'plant', 'predictor', 'feedforward', 'shaper', 'viewer')
 RESETS = ('feedforward', 'shaper', 'plant', 'predictor')
 LOOPS = ('plant', 'feedforward', 'predictor')  # that a rehearsal looks at
-REHEARSING = 2.0  # s of the first motion
+REHEARSING = 2.0  # s of the dearest motion
 SHAPING = 2.0  # s from publishing to the start in which most plans are made
 SHAPER = 'shaper: shaper'  # its status on /diagnostics
 DECIDED = ('planned', 'refused', 'passed on')  # what a shaper counts of motions
@@ -146,13 +146,16 @@ class Session:
             self._await_feedforward()
 
     def _rehearse(self) -> None:
-        """Choose the session's time by the cost of its first motion.
+        """Choose the session's time by the cost of its dearest motion.
 
         The nodes run on where they run as they shall, else they are started anew. Either way
         nothing of the rehearsal is left, neither in the bag nor of its motion.
         """
-        with self._progress.step('rehearsing', REHEARSING + SHAPING):
-            choice = choose(self._rehearsal(), self._feedback_refusal)
+        phase = self._dearest()
+        with self._progress.step('rehearsing', REHEARSING + SHAPING + self._engaging(phase)):
+            if self._adapt(phase):
+                self._await_feedforward()
+            choice = choose(self._rehearsal(phase), self._feedback_refusal)
         self._progress.say(choice.why)
         self._file.note(time={**self._file.time, 'mode': choice.mode, 'why': choice.why})
         nodes = {name: dict(given) for name, given in self._config.nodes.items()}
@@ -198,10 +201,17 @@ class Session:
         robot = load_robot(self._config.robot, gravity=self._config.gravity)
         return feedback_refusal(self._config, robot, min(rate, self._rate(FEEDFORWARD)))
 
-    def _rehearsal(self) -> Rehearsal:
-        """Run the first motion for a while in real time, and measure."""
-        self._prepare(self._config.phases[0])
-        self._time.pass_by(LEAD)
+    def _dearest(self) -> Phase:
+        """Return the first phase with state feedback, the first of all if there is none."""
+        for phase in self._config.phases:
+            wanted = self._wanted(FEEDFORWARD, phase) if FEEDFORWARD in self._names else {}
+            if wanted.get('feedback.state', 'off') != 'off':
+                return phase
+        return self._config.phases[0]
+
+    def _rehearsal(self, phase: Phase) -> Rehearsal:
+        """Run a phase's motion for a while in real time, and measure."""
+        self._time.go_to(self._prepare(phase))
         loops = [name for name in LOOPS if name in self._names]
         before = {name: self._deadlines(name) for name in loops}
         began, idle = time.perf_counter(), idle_seconds()

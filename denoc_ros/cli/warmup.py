@@ -20,7 +20,15 @@ from denoc_ros.cli.progress import Progress
 from denoc_ros.dynamics.robot_model import CONSTRAINT_KERNELS, KERNELS
 from denoc_ros.dynamics.stepper import DRIVEN_KERNELS
 from denoc_ros.errors import DenocError
-from denoc_ros.kernels import inverse, inverse_derivatives, kalman, message_values, world
+from denoc_ros.kernels import (
+    deviation_filter,
+    inverse,
+    inverse_derivatives,
+    kalman,
+    message_values,
+    state_feedback,
+    world,
+)
 from denoc_ros.kernels.cache import cache_folder, is_kept
 from denoc_ros.kernels.compiled import DECLARED, ready
 from denoc_ros.model.tree import Tree
@@ -58,11 +66,12 @@ def all_kernels(loops: bool = True) -> list[Any]:
     return _heavy_at_both_ends(found)
 
 
-def kernels(loops: bool, plans: bool) -> list[Any]:
+def kernels(loops: bool, plans: bool, feedback: bool = False) -> list[Any]:
     """Return the kernels of a session: heavy ones at both ends."""
     of_robot = CONSTRAINT_KERNELS if loops else DRIVEN_KERNELS
     found = [*KERNELS, *of_robot, inverse_derivatives.inverse_dynamics_derivatives]
-    found += [kalman.take_values, message_values.take_numbers]
+    found += [kalman.take_values, kalman.predict_covariance, kalman.take_readings]
+    found += [message_values.take_numbers]
     if plans:
         found += [
             inverse.inverse_dynamics_rows,
@@ -70,6 +79,9 @@ def kernels(loops: bool, plans: bool) -> list[Any]:
             world.frame_jacobian_rows,
             inverse_derivatives.inverse_dynamics_derivatives_rows,
         ]
+    if feedback:
+        of_feedback = deviation_filter.__name__, state_feedback.__name__
+        found += [each for each in DECLARED if each.py_func.__module__ in of_feedback]
     return _heavy_at_both_ends(found)
 
 

@@ -16,8 +16,11 @@ from denoc_ros.control.residual_modes import is_hardened
 from denoc_ros.dynamics.measured_side import MeasuredStates, whole_robot
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.state_history import StateHistory
+from denoc_ros.kernels.compiled import entry
+from denoc_ros.kernels.deviation_filter import compare, correct_estimate, sift
 from denoc_ros.types import Array
 
+FILTER_KERNELS = (compare, correct_estimate, sift)
 HISTORY = 256  # periods over which values may be late
 # standard deviations of an innovation beyond which a sensor's value is refused: a tick that
 # comes late looks like many
@@ -26,7 +29,9 @@ FAR = 2.0  # of a sensor's reach: beyond that it says nothing of where to start
 RESTART = 0.5  # s without belief after which the estimate starts anew from what is measured
 LARGEST = 1e3  # m or rad, and per s: no deviation is that large
 AGEING = 0.02  # weight of the newest values' age in the usual one
-BRIEF = 0.025  # s of a pause that leaves no more than the gains of every period undo
+BRIEF = 0.06  # s of a pause that leaves no more than the gains of every period undo
+UNSEEN = 0.01  # s of a pause that shows neither for an error of the model nor for a fault
+UNCLEAR = 0.6  # s after a longer one in which what it left may look like a fault of a sensor
 DOUBTED = 0.3  # of what held torque did in a pause: so far the model may be off
 # s after which the gains of a settled filter have undone the noise of the estimate's first values:
 # before, it would be learned for errors of the model
@@ -88,14 +93,18 @@ class DeviationFilter:
         values = chosen_values(robot.tree, self._sensors)
         self._names = [value.name for value in values]
         self._places = [value.place for value in values]
-        self._rates = np.array([value.kind == 'gyro' for value in values], dtype=np.bool_)
-        self._turning = bool(self._rates.any())
+        rates = [value.kind == 'gyro' for value in values]
+        self._turning = any(rates)
         # with gyroscopes alone, what is missing of a rate stays as a deflection
-        self._brief = 0.0 if len(values) and self._rates.all() else BRIEF
+        self._brief = 0.0 if values and all(rates) else BRIEF
         self._timeout = schedule.settings.sensor_timeout
         self._period = schedule.settings.period
         gains = schedule.gains[0]
         self._k, seen = len(names), len(gains.measured)
+        # values that may be far off: of sensors that are believed a rate after a pause, to be
+        # corrected and not refused, and any value of others
+        self._rates = np.array([False] * (2 * self._k) + rates, dtype=np.bool_)
+        self._any = np.ones(seen, dtype=np.bool_)
         bias = np.concatenate([np.zeros(2 * self._k), [value.bias for value in values]])
         self._biased, self._most_bias = np.flatnonzero(bias), BIASES * bias[bias > 0.0]
         self._unbiased = np.ones(len(self._biased), dtype=np.bool_)
@@ -105,6 +114,8 @@ class DeviationFilter:
         self.refused = np.zeros(len(self._sensors), dtype=np.int64)
         self._values, self._stamps = np.zeros(seen), np.zeros(seen)
         self._new = np.zeros(seen, dtype=np.bool_)
+        self._good, self._heard = np.zeros(seen, dtype=np.bool_), np.ones(seen, dtype=np.bool_)
+        self._found = np.zeros(4)
         self._innovation, self._surprise = np.zeros((2, seen))
         self._good_at = np.zeros(seen)
         self._plan, self._own = StateHistory(HISTORY, seen), StateHistory(HISTORY, seen)
@@ -117,6 +128,8 @@ class DeviationFilter:
         self.joints, self.joints_at = np.zeros(2 * self._k), -np.inf
         self._has_rates = math.isfinite(schedule.settings.velocity_noise)
         self.time = 0.0
+        self._none = np.zeros((len(self.state), 0))  # of errors
+        self._compare, self._correct, self._sift = map(entry, FILTER_KERNELS)
         self.reset()
 
     def reset(self) -> None:
@@ -128,7 +141,7 @@ class DeviationFilter:
         self._good_at[:] = -np.inf
         self.believed, self.cause, self._fresh = False, 'no measurements yet', True
         self._doubted_at, self._age, self.blind = np.nan, np.nan, True
-        self._began = np.nan
+        self._began, self._judges_from = np.nan, -np.inf
         self._pause = None
         self.joints[:], self.joints_at = 0.0, -np.inf
         if self.errors is not None:
@@ -149,19 +162,6 @@ class DeviationFilter:
         if other.errors is not None:
             other.errors.adopt(self.errors, self.state)
         self.errors = other.errors
-
-    def deviations(self) -> Array:
-        """Deviations y (2 m,) from the plan of a robot with the model's errors."""
-        y = self.state[: self._deviations]
-        if self.errors is None:
-            return y
-        return np.asarray(y - self.errors.state(self.time))
-
-    def joint_deviations(self) -> Array:
-        """Return those of the measured joints and their rates (2 joints,), from the same plan."""
-        if self.errors is None:
-            return self.joints
-        return np.asarray(self.joints - self._rows[: 2 * self._k] @ self.errors.state(self.time))
 
     def follow(self, time: float, q: Array, qd: Array, qdd: Array | None = None) -> None:
         """Take the plan's coordinates, rates and accelerations (n,) at a time of the clock [s].
@@ -195,7 +195,7 @@ class DeviationFilter:
 
     def correct(self, now: float, gains: PostureGains) -> None:
         """Correct the estimate by the received values, and say whether it is reliable."""
-        if np.isnan(self._doubted_at):
+        if math.isnan(self._doubted_at):
             self._doubted_at = now
         self._own.push(now)[:] = gains.measured @ self.state
         innovation, new, stamps = self._innovation, self._new, self._stamps
@@ -206,33 +206,39 @@ class DeviationFilter:
             new &= stamps >= self._pause.end
         if not len(self._plan):
             new[:] = False
+        places: dict[float, list[int]] = {}
+        for place, (is_new, stamp) in enumerate(zip(new.tolist(), stamps.tolist(), strict=True)):
+            if is_new:
+                places.setdefault(stamp, []).append(place)
         groups = [
-            (stamp, self._sample(now, stamp), np.flatnonzero(new & (stamps == stamp)))
-            for stamp in sorted(set(stamps[new].tolist()))
+            (stamp, self._sample(now, stamp), np.array(at)) for stamp, at in sorted(places.items())
         ]
+        plan, own = self._plan, self._own
+        second = own if self.errors is None else self.errors.expected
         for stamp, sample, at in groups:
-            plan = self._plan.at(stamp)
-            away = self._values[at] - plan[at]
-            innovation[at] = away - self._own.at(sample)[at]
-            if self.errors is not None:
-                self._surprise[at] = away - self.errors.expected(sample)[at]
-            own = at[at < 2 * self._k]
-            self.joints[own] = self._values[own] - plan[own]
+            self._compare(
+                self._values, at, stamp, sample, plan.times, plan.states, len(plan), own.times,
+                own.states, len(own), second.times, second.states, len(second), innovation,
+                self._surprise, self.joints,
+            )  # fmt: skip
         if new[0]:
             self.joints_at = stamps[0]
         if self._fresh and new[0]:
             self._begin(now, gains)
         elif self._pause is not None and new[0]:
             self._regain(gains)
-        self._begin_biases(gains)
+        if len(self._biased):
+            self._begin_biases(gains)
         self._find_faults(now, gains)
-        self._refuse(gains)
-        self._good_at[new] = stamps[new]
-        good = new.copy()
-        new[:] = False
-        self._judge(now, np.abs(innovation) <= GATE * gains.spread)
+        self._sift(
+            innovation, gains.spread, gains.reach, self._rates if self.believed else self._any,
+            stamps, new, self._good, self._heard if self.errors is None else self.errors.heard,
+            self._good_at, self.refused, now, GATE, self._k, self.state, self._deviations,
+            self._found,
+        )  # fmt: skip
+        self._judge(now, *self._found.tolist())
         for _, sample, at in groups:
-            self._take(sample, at, good, gains)
+            self._take(sample, at, self._good, gains)
         if not self._has_rates:
             rates = slice(self._k, 2 * self._k)
             self.joints[rates] = gains.measured[rates] @ self.state
@@ -244,7 +250,7 @@ class DeviationFilter:
         part of the loop's delay.
         """
         age = now - stamp
-        if np.isnan(self._age):
+        if math.isnan(self._age):
             self._age = age
         elif self._new[0] and stamp == self._stamps[0]:
             self._age += AGEING * (age - self._age)
@@ -258,18 +264,18 @@ class DeviationFilter:
         correction, errors = gains.correction, self.errors
         since = stamp - 0.5 * self._period
         if errors is not None and not self.blind:
-            learns = self.believed or bool(errors.faulty.any())
+            learns = self.believed or np.count_nonzero(errors.faulty) == 1
             time = self.time if learns and not errors.suspected else None
             errors.take(gains, self._surprise, at, good, self._values, since, time)
             good = good & errors.heard
         at = at[good[at]]
         if self.blind:
             at, correction = at[at < 2 * self._k], gains.blind
-        if errors is not None:
-            errors.follow(gains, correction, at)
-        change = correction[:, at] @ self._innovation[at]
-        self.state += change
-        self._own.since(since)[1][:] += gains.measured @ change
+        own, seen = self._own, self._none if errors is None else errors.seen
+        self._correct(
+            correction, gains.measured, self._innovation, at, self.state, seen, own.times,
+            own.states, len(own), since,
+        )  # fmt: skip
         if errors is not None and self.blind:
             errors.restart(gains, self.state)
 
@@ -278,7 +284,7 @@ class DeviationFilter:
         errors = self.errors
         if errors is None or self.blind:
             return
-        if now - self._began < BEGINS:
+        if now < self._judges_from:
             errors.forget_innovations()
         if not errors.find_faults(now, gains):
             return
@@ -307,7 +313,7 @@ class DeviationFilter:
         turning = self._biased[self._new[self._biased]]
         self._innovation[turning] -= (after - before)[turning]
         self._innovation[at] = 0.0
-        self._fresh, self._began = False, now
+        self._fresh, self._began, self._judges_from = False, now, now + BEGINS
         if self.errors is not None:
             self.errors.forget_deviations()
             self.errors.doubt(self.time, SETTLES)
@@ -353,8 +359,9 @@ class DeviationFilter:
                 pushed, seconds = pushed + self._pause.pushed, seconds + self._pause.seconds
             usual = 0.0 if np.isnan(self._age) else self._age
             self._pause = Pause(pushed, seconds, now - usual - 0.5 * self._period)
-        if self.errors is not None:
+        if self.errors is not None and seconds > UNSEEN:
             self.errors.doubt(self.time)
+            self._judges_from = max(self._judges_from, now + UNCLEAR)
 
     def _regain(self, gains: PostureGains) -> None:
         """Correct the estimate by the first values after a pause.
@@ -379,34 +386,18 @@ class DeviationFilter:
         self._own.since(self._own.last)[1][:] += seen
         self._innovation[at] -= seen[at]
         if self.errors is not None:
-            self.errors.follow(gains, correction, at)
+            seen = self.errors.seen
+            seen -= correction[:, at] @ (gains.measured[at] @ seen)
         self._agree(gains)
 
-    def _refuse(self, gains: PostureGains) -> None:
-        """Leave out sensors' values that are too far off."""
-        first = 2 * self._k
-        most = GATE * gains.spread[first:]
-        # a rate that is off after a pause is to be corrected, not refused
-        wide = self._rates | (not self.believed)
-        most[wide] = np.maximum(most, gains.reach[first:])[wide]
-        far = ~(np.abs(self._innovation[first:]) <= most)
-        if far.any():
-            self._innovation[first:][far] = 0.0
-            self._new[first:][far] = False
-            self.refused += far
-
-    def _judge(self, now: float, agrees: NDArray[np.bool_]) -> None:
-        """Decide whether to believe the estimate, and whether to hear the sensors."""
-        age = now - self._good_at
-        age[self._k : 2 * self._k] = 0.0  # rates need not be measured
-        if self.errors is not None:
-            age[~self.errors.heard] = 0.0  # nothing good is to be expected of a faulty sensor
+    def _judge(self, now: float, age: float, place: float, agrees: float, largest: float) -> None:
+        """Decide by what `sift` finds whether to believe the estimate and to hear the sensors."""
         cause = ''
-        if not np.abs(self.state[: self._deviations]).max() < LARGEST:  # NaN is no less
+        if not largest < LARGEST:  # NaN is no less
             self.state[:], self._fresh, self._unbiased[:] = 0.0, True, True
             cause = 'estimate out of bounds'
-        elif not age.max() <= self._timeout:
-            worst = int(np.argmax(age)) - 2 * self._k
+        elif not age <= self._timeout:
+            worst = int(place) - 2 * self._k
             cause = f'no good values of {self._names[worst] if worst >= 0 else "the joints"}'
         self.blind = bool(cause)
         if cause:
@@ -422,7 +413,7 @@ class DeviationFilter:
             self.cause = 'sensors contradict each other'
             self.believed, self._doubted_at = False, now
         elif not self.believed:
-            if not agrees[2 * self._k :].all():
+            if not agrees:
                 self._doubted_at = now
             if now - self._doubted_at >= REGAIN:
                 self.believed, self.cause = True, ''
@@ -433,10 +424,10 @@ class DeviationFilter:
         Returns what these did to the deviations (2 m,).
         """
         if self.errors is not None:
-            self.state, pushed = self.errors.go_on(gains, self.state, self.time, pushes)
+            pushed = self.errors.go_on(gains, self.state, self.time, pushes)
             self.time += self._period
             return pushed
         pushed = gains.push @ pushes
-        self.state = gains.transition @ self.state
+        self.state[:] = gains.transition @ self.state
         self.state[: len(pushed)] += pushed
         return pushed

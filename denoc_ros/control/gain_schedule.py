@@ -343,11 +343,11 @@ def _gains(
         blind, _ = estimator(measured, transition, noise, forces, 2 * model.joints)
         s = 2 * model.size
         push = _response(model, settings)[:, s:]
-        gains.append(PostureGains(
+        gains.append(PostureGains(*map(np.ascontiguousarray, (
             gain_of(problem, cost, limits, settings), transition, push, correction,
             measured, spread, blind, reach_of(model, noise), problem.virtual, inner, learner,
             surprise, changes,
-        ))  # fmt: skip
+        ))))  # fmt: skip
     gains.reverse()
     return gains
 

@@ -10,7 +10,6 @@ from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import expit
 
 from denoc_ros.control.feedback_design import PostureGains
 from denoc_ros.control.grid import differences
@@ -22,9 +21,12 @@ from denoc_ros.control.tip_problem import TipProblem
 from denoc_ros.control.tip_solver import settle
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.state_history import StateHistory
+from denoc_ros.kernels.compiled import entry
+from denoc_ros.kernels.deviation_filter import estimates_ahead, learn_errors, plan_changes
 from denoc_ros.model.arrays import is_flexible
 from denoc_ros.types import Array
 
+ERROR_KERNELS = (estimates_ahead, plan_changes, learn_errors)
 MOST = 6  # compliances that are told apart; more count as one
 REACH = 0.2  # errors at which plans of other robots are made
 AFTER = 2.0  # s after the end of the motion that such a plan may use
@@ -80,15 +82,6 @@ class ModelErrors:
         """How many errors there are: of e, e (e + 3) / 2 terms."""
         return round(math.sqrt(2.0 * self.states.shape[2] + 2.25) - 1.5)
 
-    def between(self, rows: Array, time: float, out: Array) -> Array:
-        """Write rows of one of the arrays, interpolated at a time of the plan [s], to `out`."""
-        along = min(max(time / self.step, 0.0), len(rows) - 1.0)
-        before = min(int(along), len(rows) - 2)
-        share = along - before
-        np.multiply(rows[before], 1.0 - share, out=out)
-        out += share * rows[before + 1]
-        return out
-
 
 @cache
 def _pairs(count: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
@@ -96,42 +89,10 @@ def _pairs(count: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     return np.triu_indices(count)
 
 
-@cache
-def _units(count: int) -> tuple[Array, Array, Array, Array]:
-    """Return unit errors, those of the first and second of each pair, and unit products."""
-    unit, (first, second) = np.eye(count), _pairs(count)
-    return unit, unit[first], unit[second], np.eye(count + len(first))[:, count:]
-
-
 def terms(errors: Array) -> Array:
     """Return all that a polynomial of second degree without a constant has of errors (e,)."""
     first, second = _pairs(len(errors))
     return np.concatenate([errors, errors[first] * errors[second]])
-
-
-def terms_rate(errors: Array) -> Array:
-    """Return the derivative (terms, e) of the terms by the errors."""
-    first, second = _pairs(len(errors))
-    unit, firsts, seconds, _ = _units(len(errors))
-    pairs = errors[second, None] * firsts + errors[first, None] * seconds
-    return np.concatenate([unit, pairs])
-
-
-def _beside(errors: Array) -> Array:
-    """Return all terms of errors as polynomials (terms, 1 + terms) in errors beside these."""
-    products = _units(len(errors))[-1]
-    return np.concatenate([terms(errors)[:, None], terms_rate(errors), products], axis=1)
-
-
-def _by_products(changed: Array) -> Array:
-    """Return the terms (s, terms) of what each error changes (errors, s, 1 + errors).
-
-    It changes the response to what there is without errors, and to what each error adds.
-    """
-    first, second = _pairs(len(changed))
-    products = changed[first, :, 1 + second] + changed[second, :, 1 + first]
-    products[first == second] *= 0.5
-    return np.asarray(np.concatenate([changed[..., 0], products]).T)
 
 
 def knows_errors(robot: Robot) -> bool:
@@ -216,7 +177,7 @@ def model_errors(
     changed = [np.array([one[part] - exact[part] for one in plans]) for part in range(3)]
     q, qd, torques = (np.einsum('tp,pkn->knt', by_terms, part) for part in changed)
     states = np.concatenate([q[:, coordinates], qd[:, coordinates]], axis=1)
-    return ModelErrors(step, states, torques)
+    return ModelErrors(step, *map(np.ascontiguousarray, (states, torques)))
 
 
 def _nodes(motion: PlannedMotion) -> tuple[float, Array]:
@@ -279,6 +240,8 @@ class ErrorEstimate:
         Whether sensors contradict each other and it is not clear which is faulty.
     heard : (measured,) bool array
         All measurements but those of faulty sensors.
+    expected : StateHistory
+        Measurements (measured,) beyond the plan's, by the second estimate.
 
     Notes
     -----
@@ -297,11 +260,12 @@ class ErrorEstimate:
         self.values, self.used, self._entering = np.zeros((3, count))
         self.seen: Array = np.zeros((size, count))
         self._covariance: Array = LIKELY**2 * np.eye(count)
-        self._quiet = -np.inf
+        self._quiet = self._looked = -np.inf
         # at rest errors show no more: what is seen then is noise
         self._end = (len(self._errors.states) - 1) * self._errors.step
-        self._states = np.zeros(self._errors.states.shape[1:])
-        self._torques = np.zeros(self._errors.torques.shape[1:])
+        # changes of the plan's deviations and torque by the errors used, at the time looked at
+        self._state = np.zeros(self._errors.states.shape[1])
+        self._torque = np.zeros(self._errors.torques.shape[1])
         # of robots with errors, as linear functions of them: deviations from their own plan, and
         # torques beyond its own
         self._away = np.zeros((gains.by_errors.shape[2], 1 + count))
@@ -312,14 +276,17 @@ class ErrorEstimate:
         # how far the last one is off by unit offsets of sensors
         self._shift: Array = np.zeros((size, sensors))
         self._first = measured - sensors
-        self._hears = np.ones((measured, sensors + 1, 1))
-        self._hears[self._first :, :-1, 0] -= np.eye(sensors)
-        self._offsets = np.eye(measured)[:, self._first :]
-        self._expected = StateHistory(HISTORY, measured)
+        self.expected = StateHistory(HISTORY, measured)
         self._information = np.zeros((count + sensors, count + sensors))
         self._explained = np.zeros(count + sensors)
         self._mean, self._agreed = np.zeros((2, sensors))
-        self._before = np.zeros(measured)
+        self._before, self._doubts = np.zeros((2, measured))
+        self._numbers = np.array([
+            errors.step, period, period / (period + AVERAGED), period / (period + ENTERS),
+            WALK**2 * period, LIKELY, NONE,
+        ])  # fmt: skip
+        self._pushed = np.zeros(len(gains.push))
+        self._ahead, self._changes, self._correct = map(entry, ERROR_KERNELS)
         self._tested, self._settled, self._suspected_at = -np.inf, np.inf, -np.inf
         self.faulty, self.suspected = np.zeros(sensors, dtype=np.bool_), False
         self.heard = np.ones(measured, dtype=np.bool_)
@@ -332,11 +299,12 @@ class ErrorEstimate:
     def reset(self) -> None:
         """Forget the errors and the faults."""
         self.values[:] = self.used[:] = self._entering[:] = 0.0
-        self._covariance = LIKELY**2 * np.eye(len(self.values))
+        self._covariance[:] = LIKELY**2 * np.eye(len(self.values))
         self._past.clear()
+        self._looked = -np.inf
         self.faulty[:], self.heard[:], self._agreed[:] = False, True, 0.0
         self._bank[:], self._shift[:], self._away[:] = 0.0, 0.0, 0.0
-        self._expected.clear()
+        self.expected.clear()
         self.forget_deviations()
         self.forget_innovations()
 
@@ -350,7 +318,7 @@ class ErrorEstimate:
         self._bank[..., 0], self._bank[..., 1 + count :] = state[:, None], 0.0
         self._bank[..., 1 : 1 + count] = self.seen[:, None]
         self._shift[:] = 0.0
-        self._expected.since(-np.inf)[1][:] = gains.measured @ state
+        self.expected.since(-np.inf)[1][:] = gains.measured @ state
         self.forget_innovations()
 
     def forget_innovations(self) -> None:
@@ -366,10 +334,10 @@ class ErrorEstimate:
         self._bank[..., 0] = state[:, None]
         if other is not None and other._bank.shape == self._bank.shape:
             self.values[:], self.used[:], self.seen[:] = other.values, other.used, other.seen
-            self._entering[:] = other._entering
+            self._entering[:], self._looked = other._entering, -np.inf
             self._covariance, self._past = other._covariance, other._past
             self._away = other._away
-            self._bank, self._shift, self._expected = other._bank, other._shift, other._expected
+            self._bank, self._shift, self.expected = other._bank, other._shift, other.expected
             self.faulty, self.heard, self._agreed = other.faulty, other.heard, other._agreed
 
     def show(self, time: float) -> bool:
@@ -383,11 +351,7 @@ class ErrorEstimate:
 
     def push(self, now: float, gains: PostureGains) -> None:
         """Take note of what the second estimate expects now [s]."""
-        self._expected.push(now)[:] = gains.measured @ self.estimate
-
-    def expected(self, time: float) -> Array:
-        """Return the measurements (measured,) beyond the plan's that it expected at a time [s]."""
-        return self._expected.at(time)
+        self.expected.push(now)[:] = gains.measured @ self.estimate
 
     def take(
         self, gains: PostureGains, innovation: Array, at: NDArray[np.intp],
@@ -411,72 +375,36 @@ class ErrorEstimate:
         time : float or None
             Of the plan [s]; None: nothing is to be learned of the errors.
         """
-        read, covariance = gains.measured[at], gains.surprise[np.ix_(at, at)]
-        rows = (read @ self._bank.reshape(len(self._bank), -1)).reshape(-1, *self._bank.shape[1:])
-        beside = self.values - self.used
-        by_errors = rows[:, -1, 1:] @ terms_rate(beside)
-        explained = rows[:, -1, 1:] @ terms(beside)  # of the innovation, by the values
-        by_offsets = self._offsets[at] + read @ self._shift
-        shown = np.hstack([by_errors, by_offsets])
-        counted = innovation[at]
-        if len(self.faulty):  # a single outlier counts little
-            most = CLIP * np.sqrt(np.diag(covariance))
-            most = np.maximum(most, np.sign(counted) * self._before[at])
-            self._before[at] = counted
-            counted = np.minimum(np.maximum(counted, -most), most)
-        heard = self.heard[at]
-        self._hear_faulty(at[~heard], by_errors[~heard], innovation, values, gains)
-        if not heard.any():
-            return
-        among = np.ix_(heard, heard)
-        whitened = np.linalg.solve(covariance[among], shown[heard])
-        self._information += shown[heard].T @ whitened
-        self._explained += (counted - explained + by_errors @ self.values)[heard] @ whitened
-        heard &= good[at]
-        if not heard.any():
-            return
-        if time is not None and self._quiet <= time <= self._end:
-            gate = CHECKED_GATE if len(self.faulty) else GATE
-            if (np.abs(counted) > gate * gains.spread[at])[heard].any():
-                self._quiet = time + QUIET
-            else:
-                covariance = covariance[np.ix_(heard, heard)]
-                self._learn((innovation[at] - explained)[heard], by_errors[heard], covariance)
-        correction = gains.learner[:, at[heard]]
-        change = correction @ counted[heard]
-        self._expected.since(since)[1][:] += gains.measured @ change
-        self._shift -= correction @ by_offsets[heard]
-        left = -rows
-        left[..., 0] += (rows[:, -1, 0] + counted)[:, None]
-        left *= self._hears[at]
-        flat = correction @ left[heard].reshape(correction.shape[1], -1)
-        self._bank += flat.reshape(self._bank.shape)
+        history, checked = self.expected, len(self.faulty) > 0
+        learns = time is not None and self._quiet <= time <= self._end
+        far = self._correct(
+            gains.measured, gains.surprise, gains.spread, gains.learner, innovation, at,
+            self.heard, good, CLIP, CHECKED_GATE if checked else GATE, LARGEST, learns,
+            self._bank, self._shift, self.values, self.used, self._covariance, self._information,
+            self._explained, self._before, history.times, history.states, len(history), since,
+            self._doubts,
+        )  # fmt: skip
+        if far:
+            assert time is not None
+            self._quiet = time + QUIET
+        if not self.heard.all():
+            self._hear_faulty(at[~self.heard[at]], innovation, values, gains)
 
     def _hear_faulty(
-        self, at: NDArray[np.intp], shown: Array, innovation: Array, values: Array,
-        gains: PostureGains,
-    ) -> None:  # fmt: skip
+        self, at: NDArray[np.intp], innovation: Array, values: Array, gains: PostureGains
+    ) -> None:
         """Judge by innovations whether faulty sensors agree again."""
         share = self._period / RECENT
-        for k, by_errors in zip(at, shown, strict=True):
+        for k in at:
             j = k - self._first
             self._mean[j] += share * (innovation[k] - self._mean[j])
-            variance = share * gains.surprise[k, k] + by_errors @ self._covariance @ by_errors
+            variance = share * gains.surprise[k, k] + self._doubts[k]
             if self._mean[j] ** 2 > AGREES * variance:
                 self._agreed[j] = 0.0
             else:
                 said = values[k] - innovation[k]
                 self._agreed[j] += share * (SCALE * said) ** 2 / variance
         self.faulty &= self._agreed < FAULTY
-
-    def _learn(self, innovation: Array, shown: Array, covariance: Array) -> None:
-        """Learn the errors from innovations (k,) that show them by (k, errors)."""
-        across = self._covariance @ shown.T
-        inner = shown @ across + covariance
-        gain = np.linalg.solve(inner, across.T).T
-        self.values += gain @ innovation
-        np.clip(self.values, -LARGEST, LARGEST, out=self.values)
-        self._covariance = self._covariance - gain @ across.T
 
     def find_faults(self, now: float, gains: PostureGains) -> bool:
         """Say whether one more sensor is faulty from now [s] on; those that agree again are heard.
@@ -517,21 +445,15 @@ class ErrorEstimate:
             self._bank[:] = self._bank[:, worst, None].copy()
             self._shift[:] = 0.0
             self.seen[:] = self._bank[:, -1, 1 : 1 + e]
-            self._expected.since(-np.inf)[1][:] = gains.measured @ self.estimate
+            self.expected.since(-np.inf)[1][:] = gains.measured @ self.estimate
             self.forget_innovations()
             if self._past:
-                self.values[:], self._covariance = self._past[0]
+                self.values[:], self._covariance[:] = self._past[0]
                 self._past.clear()
         self.heard[self._first :] = ~self.faulty
         return found
 
-    def follow(self, gains: PostureGains, correction: Array, at: NDArray[np.intp]) -> None:
-        """Take note that the filter has corrected its estimate by the innovations at places."""
-        self.seen -= correction[:, at] @ (gains.measured[at] @ self.seen)
-
-    def go_on(
-        self, gains: PostureGains, state: Array, time: float, pushes: Array
-    ) -> tuple[Array, Array]:
+    def go_on(self, gains: PostureGains, state: Array, time: float, pushes: Array) -> Array:
         """Go on by a period from a time of the plan [s].
 
         A robot with the errors `used` stays on its own plan under its own torque, and moves away
@@ -541,77 +463,44 @@ class ErrorEstimate:
         ----------
         gains : PostureGains
         state : (e,) array
-            Of the filter.
+            Of the filter: in place.
         time : float
         pushes : (past + joints,) array
             All torques on their way and the new one, beyond the plan's [N m, N].
 
         Returns
         -------
-        state : (e,) array
-            A period later.
-        pushed : (2 m,) array
-            What the torques beyond those of that robot's plan did to its deviations.
+        (2 m,) array
+            What the torques beyond those of that robot's plan did to its deviations; the same
+            array each time.
         """
-        ways = _beside(self.used)
-        states, torques = self._plan(time)
-        before, held = states @ ways, torques @ ways
-        after = self._plan(time + self._period)[0] @ ways
-        transition, push = gains.with_errors(self.used)
-        s, beyond = len(push), -np.tile(held, (len(pushes) // len(held), 1))
-        beyond[:, 0] += pushes
-        by_push = push @ beyond
-        after += by_push
-        linear = slice(1 + len(self.used))
-        share = self._period / (self._period + AVERAGED)
-        away = self._bank[:s, -1, linear] - before[:, linear]
-        self._away += share * (np.concatenate([away, beyond[:, linear]]) - self._away)
-        after[:, 1:] += _by_products(gains.by_errors @ self._away)
-
-        def later(estimate: Array) -> Array:
-            """Return an estimate (e, k, terms), of the first terms, a period later."""
-            some = slice(estimate.shape[2])
-            estimate[:s] -= before[:, None, some]
-            ahead = (transition @ estimate.reshape(len(estimate), -1)).reshape(estimate.shape)
-            ahead[:s] += after[:, None, some]
-            return ahead
-
-        estimate = later(np.column_stack([state, self.seen])[:, None])[:, 0]
-        state, self.seen, self._bank = estimate[:, 0], estimate[:, 1:], later(self._bank)
-        self._shift = transition @ self._shift
-        self._covariance = self._covariance + WALK**2 * self._period * np.eye(len(self.values))
-        believed = self.values
-        if len(self.faulty):
-            size = np.linalg.slogdet(self._covariance / LIKELY**2)[1]
-            square = self.values @ np.linalg.solve(self._covariance, self.values)
-            believed = self.values * expit(0.5 * (square + size) - math.log(NONE))
-        share = self._period / (self._period + ENTERS)
-        self._entering += share * (believed - self._entering)
-        change = share * (self._entering - self.used)
-        self.used += change
-        state += self.seen @ change
-        rows = self._bank.reshape(-1, self._bank.shape[2])  # the same memory
-        moved = rows[:, 1:] @ _beside(change)
-        rows[:, 0] += moved[:, 0]
-        rows[:, 1:] = moved[:, 1:]
+        self._ahead(
+            self._errors.states, self._errors.torques, self._numbers, time, gains.transition,
+            gains.push, gains.by_errors, pushes, state, self.seen, self._bank, self._shift,
+            self._covariance, self._away, self.values, self.used, self._entering, self._pushed,
+        )  # fmt: skip
+        self._looked = -np.inf
         self._since += self._period
         if self._since >= APART:
             self._since = 0.0
-            self._past.append((self.values.copy(), self._covariance))
-        return state, by_push[:, 0]
+            self._past.append((self.values.copy(), self._covariance.copy()))
+        return self._pushed
 
     def state(self, time: float) -> Array:
-        """Return the change of the plan's deviations (2 m,) by the errors used, at a time."""
-        return np.asarray(self._plan(time)[0] @ terms(self.used))
+        """Change of the plan's deviations (2 m,) by the errors used; the same array each time."""
+        self._look(time)
+        return self._state
 
     def torque(self, time: float) -> Array:
-        """Return the change of the plan's torque (joints,) by the errors used, at a time."""
-        return np.asarray(self._plan(time)[1] @ terms(self.used))
+        """Change of the plan's torque (joints,) by the errors used; the same array each time."""
+        self._look(time)
+        return self._torque
 
-    def _plan(self, time: float) -> tuple[Array, Array]:
-        """Return the changes of the plan's states and torque by terms of errors, at a time."""
-        errors = self._errors
-        return (
-            errors.between(errors.states, time, self._states),
-            errors.between(errors.torques, time, self._torques),
-        )
+    def _look(self, time: float) -> None:
+        """Find the changes of the plan at a time."""
+        if time != self._looked:
+            errors, self._looked = self._errors, time
+            self._changes(
+                errors.states, errors.torques, time / errors.step, self.used, self._state,
+                self._torque,
+            )  # fmt: skip

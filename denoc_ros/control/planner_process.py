@@ -1,8 +1,7 @@
 """A process that plans motions and gains: jobs on standard input, answers on standard output.
 
-`python -m denoc_ros.control.planner_process`, which :class:`denoc_ros.runtime.planner.Planner`
-starts.
-It ends with its input, or with the process that started it.
+:class:`denoc_ros.runtime.planner.Planner` starts it. It ends with its input, or with the process
+that started it.
 """
 
 from __future__ import annotations
@@ -167,7 +166,3 @@ def _end_with_parent() -> None:
     """Have the kernel kill this process when its parent ends, even while it is stopped."""
     with suppress(OSError, AttributeError):  # where there is no Linux, `watch` ends it
         ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
-
-
-if __name__ == '__main__':
-    main()

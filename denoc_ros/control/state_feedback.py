@@ -8,8 +8,11 @@ from denoc_ros.control.deviation_filter import DeviationFilter
 from denoc_ros.control.feedback_design import PostureGains
 from denoc_ros.control.gain_schedule import GainSchedule
 from denoc_ros.dynamics.robot import Robot
+from denoc_ros.kernels.compiled import entry
+from denoc_ros.kernels.state_feedback import feedback_torques, govern
 from denoc_ros.types import Array
 
+TORQUE_KERNELS = (feedback_torques, govern)
 RAMP = 0.5  # s in which feedback comes in
 FADE = 0.05  # s in which the last torque of a feedback goes that may no longer act
 # rad, m that the feedback of all deviations may push the joints from the plan against their own
@@ -119,15 +122,16 @@ class StateFeedback:
         past = schedule.gains[0].push.shape[1] - k
         self._way, self.integrals = np.zeros(past), np.zeros(k)
         self._most = schedule.settings.limit * schedule.limits
+        self._rounding = ROUNDING * self._most.max()
         self._asked, self._torque, self._left, self._governed_last = np.zeros((4, k))
+        self._by_state, self._by_joints = np.zeros((2, k))
         self._changed = np.zeros(k)  # torque that the plan of a robot with the errors adds
         # the joints' own feedback, where there is any, keeps to the plan with the errors
         self._stands_alone = bool(schedule.gains[0].joints.any())
         self._own, self._state = HandOver(k), HandOver(k)
         self._plan: Array | None = None  # torque of the plan at the last tick
-        self._deviations = self.filter.deviations()
-        self._gain = np.zeros_like(schedule.gains[0].gain)
-        self._joint_gain = np.zeros_like(schedule.gains[0].joints)
+        self._deviations, self._unchanged = np.zeros((2, len(schedule.gains[0].push)))
+        self._torques, self._govern = map(entry, TORQUE_KERNELS)
         self.limited = 0
         self._last = -np.inf
         self._at = 0
@@ -225,14 +229,20 @@ class StateFeedback:
         elapsed = 0.0 if self._last == -np.inf else min(now - self._last, RAMP)
         self._last = now
         after = min(before + 1, len(schedule.gains) - 1)
-        errors = self.filter.errors
-        if errors is not None:
-            self._changed[:] = errors.torque(time)
-        np.copyto(self._torque, self._joint_torque(before, after, share, now, elapsed))
-        asked, self._governs = self._state_torque(before, after, share), False
-        if asked is not None and now < self._heard_from:
-            self.integrals[:], asked = 0.0, None
-        if asked is not None:
+        self._find_torques(before, after, share, time)
+        asked = None
+        if now - self.filter.joints_at <= schedule.settings.sensor_timeout:
+            asked = self._by_joints
+            if self._stands_alone:
+                asked += self._changed
+        np.copyto(self._torque, self._own.take(asked, elapsed))
+        asked, self._governs = None, False
+        if not self.filter.believed or now < self._heard_from:
+            self.integrals[:] = 0.0
+        else:
+            asked = self._by_state
+            if not self._stands_alone:
+                asked += self._changed
             asked = self._governed(asked, before, now, elapsed)
         if asked is None:
             self._governed_last[:] = 0.0
@@ -243,33 +253,17 @@ class StateFeedback:
         self.limited += bool((self._torque != self._asked).any())
         return self._torque
 
-    def _joint_torque(
-        self, before: int, after: int, share: float, now: float, elapsed: float
-    ) -> Array:
-        """Torque (joints,) by the joints' own deviations."""
-        known, gains = self.filter, self.schedule.gains
-        if now - known.joints_at > self.schedule.settings.sensor_timeout:
-            return self._own.take(None, elapsed)
-        gain = _between(gains[before].joints, gains[after].joints, share, self._joint_gain)
-        asked = -(gain @ known.joint_deviations())
-        if self._stands_alone:
-            asked += self._changed
-        return self._own.take(asked, elapsed)
-
-    def _state_torque(self, before: int, after: int, share: float) -> Array | None:
-        """Return the torque (joints,) by all deviations, None while they are not believed."""
-        if not self.filter.believed:
-            self.integrals[:] = 0.0
-            return None
-        gains = self.schedule.gains
-        gain = _between(gains[before].gain, gains[after].gain, share, self._gain)
-        self._deviations = self.filter.deviations()
-        way = self._way - np.tile(self._changed, len(self._way) // self._k)
-        torque = gain @ np.concatenate((self._deviations, way, self.integrals))
-        np.negative(torque, out=torque)
-        if not self._stands_alone:
-            torque += self._changed
-        return np.asarray(torque)
+    def _find_torques(self, before: int, after: int, share: float, time: float) -> None:
+        """Find the torques by all deviations, and by those of the joints, between two postures."""
+        known, errors, changed = self.filter, self.filter.errors, self._unchanged
+        if errors is not None:
+            changed, self._changed[:] = errors.state(time), errors.torque(time)
+        here, there = self.schedule.gains[before], self.schedule.gains[after]
+        self._torques(
+            here.gain, there.gain, here.joints, there.joints, share, here.measured, known.state,
+            known.joints, changed, self._changed, self._way, self.integrals, self._deviations,
+            self._by_state, self._by_joints,
+        )  # fmt: skip
 
     def _governed(self, asked: Array, before: int, now: float, elapsed: float) -> Array | None:
         """Return as much of a torque (joints,) as the joints' own feedback can stand against.
@@ -277,19 +271,16 @@ class StateFeedback:
         All of it gets smaller together, so that it is less of the same feedback. None when it has
         been too large for long: then no deviation is that large, but something is wrong.
         """
-        most = REACH * np.abs(self.schedule.gains[before].joints[:, : self._k]).sum(axis=1)
-        if not most.any():
+        gain = self.schedule.gains[before].joints
+        share = self._govern(asked, self._governed_last, gain, REACH, elapsed / SLEW)
+        if share < 0.0:
             return asked
-        share = _within(asked, most)
         self._governs = share < 1.0
         self._at_limit = self._at_limit + elapsed if share < 1.0 else 0.0
         if self._at_limit > AT_LIMIT:
             self._at_limit, self._heard_from = 0.0, now + PARDON
             self.integrals[:] = 0.0
             return None
-        asked *= share
-        change = asked - self._governed_last
-        asked = self._governed_last + _within(change, elapsed / SLEW * most) * change
         self._governed_last[:] = asked
         return asked
 
@@ -325,22 +316,9 @@ class StateFeedback:
         errors, free = self.filter.errors, self.share == 1.0 and not self._governs
         if errors is not None and errors.show(self.filter.time):
             free = False  # the integrals would count what is being learned a second time
-        if free and np.abs(change - self._asked).max() <= ROUNDING * self._most.max():
+        if free and np.abs(change - self._asked).max() <= self._rounding:
             m = gains.virtual.shape[1]
             step = self.schedule.settings.period
             self.integrals += step * (gains.virtual @ self._deviations[:m])
         self._go_on(gains, change)
         self._left[:] = change
-
-
-def _within(torque: Array, most: Array) -> float:
-    """Return the share of a torque (joints,) that is within limits, at most 1."""
-    return float(min(1.0, np.min(most / np.maximum(np.abs(torque), most * 1e-12 + 1e-300))))
-
-
-def _between(before: Array, after: Array, share: float, out: Array) -> Array:
-    """Return a gain a share of the way from one to another; `out` may hold it."""
-    if not share:
-        return before
-    np.multiply(before, 1.0 - share, out=out)
-    return np.add(out, share * after, out=out)

@@ -79,6 +79,8 @@ class OutboardLoads:
         self._factors: dict[str, float] = {}
         self._diagonals = robot.arrays.diagonals
         self._weights = self._weigh(robot)
+        # one state of the robot with cuts, which are closed
+        self._state = np.zeros(self._cut.n), np.zeros(self._cut.n), np.zeros(self._cut.n)
 
     def _weigh(self, robot: DifferentiableModel) -> Array:
         """Return the values per generalized force L, (sensors, n of the robot with cuts)."""
@@ -108,8 +110,13 @@ class OutboardLoads:
     def values(self, robot: DifferentiableModel, q: Array, qd: Array, qdd: Array) -> Array:
         """Return the part of the values (..., sensors) beyond the shapes' at states (..., n)."""
         cut = self._followed(robot)
-        needed = cut.inverse_dynamics(self._spread(q), self._spread(qd), self._spread(qdd))
-        return np.asarray(needed @ self._weights.T)
+        if q.ndim > 1:
+            needed = cut.inverse_dynamics(self._spread(q), self._spread(qd), self._spread(qdd))
+            return np.asarray(needed @ self._weights.T)
+        position, rate, acceleration = self._state
+        for spread, given in ((position, q), (rate, qd), (acceleration, qdd)):
+            spread[self._index] = given
+        return np.asarray(self._weights @ cut.inverse_dynamics(position, rate, acceleration))
 
     def by_accelerations(self, robot: DifferentiableModel, q: Array) -> Array:
         """Return the derivatives (sensors, n) of `values` by q'' at coordinates (n,)."""
@@ -432,8 +439,12 @@ class SensorValues(DifferentiableModel):
         """
         if qdd is not None and self.tree.sensors:
             rate = self._zero if qd is None else qd
-            return self.beam_sensor_values(q) + self.beyond_shapes(q, rate, qdd)
-        q = as_states('q', q, self.n)
+            states = self._states(q, rate, qdd)
+            return self._by_shapes(states[0]) + self._loads().values(self, *states)
+        return self._by_shapes(as_states('q', q, self.n))
+
+    def _by_shapes(self, q: Array) -> Array:
+        """Return the values (..., sensors) of sensors on beams that read shapes, at (..., n)."""
         values: Array = q @ self._linear_rows.T
         for k, sensor in self._composed_sensors:
             section, own = self.section(sensor.link, sensor.station)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,8 +17,8 @@ from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.section import Section
 from denoc_ros.dynamics.springs import spring_indices
 from denoc_ros.errors import StateError
-from denoc_ros.kernels.compiled import ready
-from denoc_ros.kernels.kalman import take_values
+from denoc_ros.kernels.compiled import entry, ready
+from denoc_ros.kernels.kalman import predict_covariance, take_readings, take_values
 from denoc_ros.kernels.step import GAMMA
 from denoc_ros.model.arrays import is_flexible
 from denoc_ros.types import Array
@@ -29,6 +30,31 @@ SPREAD = 0.1  # deviation of a load in each mode alone, as a share of that of th
 REST = 0.1  # of the model's error that is no steady share of the elastic forces
 MEMORY = 300.0  # s in which a steady share changes
 LARGEST = 0.5  # share of an elastic force
+
+
+@dataclass
+class Reading:
+    """How sensors on beams read a state x = [d; d'; f]; all but the numbers change in place.
+
+    Attributes
+    ----------
+    shapes, moved : (sensors, m) and (sensors, 3 m) arrays
+        Derivatives by d through the beams' shapes, and by x of all that is beyond them.
+    constant, beyond : (sensors,) arrays
+        Parts that do not depend on x; those beyond the shapes at the last state.
+    noise : (sensors,) array
+        Standard deviations.
+    timing_error, model_error : float
+        Of the stamps [s]; of the parts beyond the shapes, as a share of them.
+    """
+
+    shapes: Array
+    moved: Array
+    constant: Array
+    beyond: Array
+    noise: Array
+    timing_error: float
+    model_error: float
 
 
 class AmplitudeFilter:
@@ -98,10 +124,11 @@ class AmplitudeFilter:
         steady: int | None = None,
     ) -> None:
         ready(take_values)
+        self._go_on, self._take = entry(predict_covariance), entry(take_readings)
         self._robot, self._step = robot, step
         self._share = 0.0 if steady is None else model_error
         self._error = model_error if steady is None else REST * model_error
-        self._flexible = robot.flexible_indices
+        self._flexible, self._joints = robot.flexible_indices, robot.joint_indices
         self._free = self._flexible if free is None else free
         self._among_free = np.searchsorted(self._free, self._flexible)
         self.stiffness: Array = robot.stiffness[self._flexible]
@@ -122,6 +149,7 @@ class AmplitudeFilter:
         self._gain = np.zeros(size)
         self.mobility: Array = np.zeros((m, m))
         self.held_mobility: Array = self.mobility
+        self._bending: Array = np.zeros((m, m))  # accelerations of the amplitudes by themselves
         self._posture: Array = np.full(len(robot.joint_indices), np.inf)
         self._omega, self.decay = 1.0, 1.0
 
@@ -150,7 +178,7 @@ class AmplitudeFilter:
         StateError
             The amplitudes are where the model has no vibration: the state has left all bounds.
         """
-        posture = q[self._robot.joint_indices]
+        posture = q[self._joints]
         if len(posture) and np.abs(posture - self._posture).max() < TURN:
             return
         self._posture = posture
@@ -159,6 +187,7 @@ class AmplitudeFilter:
         self.mobility = answer = whole[np.ix_(self._among_free, self._among_free)]
         held = len(self._free) == m
         self.held_mobility = answer if held else response(self._robot, q, self._flexible)
+        self._bending = np.ascontiguousarray(answer * self.stiffness)
         root = np.sqrt(self.stiffness)
         scaled = root[:, None] * answer * root
         lowest = np.linalg.eigvalsh(scaled)[0] if np.isfinite(scaled).all() else math.nan
@@ -215,31 +244,52 @@ class AmplitudeFilter:
 
     def predict(self, amplitudes: Array, rates: Array, steps: int = 1) -> None:
         """Let the covariance go on by some steps at amplitudes and rates (m,)."""
-        first = self._first
-        force = self.stiffness[first] * np.hypot(amplitudes[first], rates[first] / self._omega)
-        added = self._load_covariance(force)
-        added *= 1.0 - self.decay**2
-        part = slice(2 * self._m, 3 * self._m)
-        loads = self.covariance[part, part]
         shares = self._shares
         if self._share:
             self._transition[: 3 * self._m, shares] = self._pushed @ self.shared(amplitudes)
             self.covariance[shares, shares] += (
                 2.0 * steps * self._step / MEMORY
             ) * self._share_covariance()
-        for _ in range(steps):
-            np.matmul(self._transition, self.covariance, out=self._scratch)
-            np.matmul(self._scratch, self._transition.T, out=self.covariance)
-            loads += added
+        self._go_on(
+            self.covariance, self._transition, self._scratch, self._shape, self.stiffness,
+            self._first, amplitudes, rates, self._omega, self._error, self.decay, self._floor,
+            steps,
+        )  # fmt: skip
 
-    def line_error(self, rows: Array, lag: float) -> Array:
-        """Return the deviation (k,) of values of `lag` ago [s] by a line through amplitudes now.
+    def correct_readings(
+        self, places: NDArray[np.intp], values: Array, reading: Reading, lag: float, gate: float,
+        state: Array,
+    ) -> tuple[Array, Array]:  # fmt: skip
+        """Take readings of sensors on beams of one time in; correct the state (s,) in place.
 
-        By half of lag^2 M^-1 K d, what the amplitudes are uncertain by.
+        Parameters
+        ----------
+        places : (k,) int array
+            Of the sensors.
+        values : (k,) array
+        reading : Reading
+            How the sensors read the state.
+        lag : float
+            By how much the covariance is of later than the readings [s]; 0: it is of then.
+        gate : float
+            Standard deviations of an innovation beyond which a reading is refused.
+        state : (s,) array
+            Expected at the time of the readings.
+
+        Returns
+        -------
+        change : (s,) array
+            The correction.
+        taken : (k,) array
+            1, or 0 for a refused reading.
         """
-        m = self._m
-        bent = 0.5 * lag**2 * rows @ (self.mobility * self.stiffness)
-        return np.asarray(np.sqrt(np.einsum('ki,ij,kj->k', bent, self.covariance[:m, :m], bent)))
+        change, taken = np.empty(len(state)), np.empty(len(values))
+        self._take(
+            self.covariance, places, values, reading.constant, reading.shapes, reading.moved,
+            reading.noise, reading.beyond, self._bending, lag, reading.timing_error,
+            reading.model_error, gate, state, change, taken,
+        )  # fmt: skip
+        return change, taken
 
     def correct_rows(
         self, rows: Array, noise: Array, values: Array, gate: float, state: Array

@@ -15,7 +15,7 @@ from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.state_history import StateHistory
 from denoc_ros.dynamics.structure import composed_sensors, sensor_rows
 from denoc_ros.errors import StateError
-from denoc_ros.estimation.amplitude_filter import LARGEST, AmplitudeFilter
+from denoc_ros.estimation.amplitude_filter import LARGEST, AmplitudeFilter, Reading
 from denoc_ros.model.sensors import inertial_values
 from denoc_ros.model.tree import Sensor
 from denoc_ros.settings import documented, require_declared, setting
@@ -91,7 +91,7 @@ class StrainFusion:
         Values older than this against the joints' motion [s] are refused.
     free : int array, optional
         Coordinates whose motion is not given to the model; default the amplitudes.
-    accelerations : callable, optional
+    accelerations, uncertainty : callables, optional
         What inertial sensors need, as of :class:`InertialRows`, and gauges where the beam's own
         inertia bends it. Without it, and on robots with loops, gauges read the beams' shapes.
 
@@ -126,25 +126,30 @@ class StrainFusion:
         max_age: float,
         free: NDArray[np.int64] | None = None,
         accelerations: Accelerations | None = None,
+        uncertainty: Callable[[], Array] | None = None,
     ) -> None:
         sensors = robot.tree.sensors
         _require_noise(robot, sensors)
         self.inertial = InertialRows(robot)
-        self._accelerations = accelerations
+        self._accelerations, self._uncertainty = accelerations, uncertainty
         self.names = (*(sensor.name for sensor in sensors), *self.inertial.names)
         self._beams = len(sensors)
         self._settings, self._step = settings, step
         self._flexible = robot.flexible_indices
         self._m = m = len(self._flexible)
-        self._rows = sensor_rows(robot)[:, self._flexible]
-        self._shift = np.zeros(len(sensors))  # of the values against rows . amplitudes
-        # what gauges read beyond the beams' shapes: now, and as a line over [d; d'; f]
-        self._beyond, self._constant = np.zeros((2, len(sensors)))
-        self._moved = np.zeros((len(sensors), 3 * m))
+        self._shift = np.zeros(len(sensors))  # of the values against shapes . amplitudes
+        self._reading = Reading(
+            np.ascontiguousarray(sensor_rows(robot)[:, self._flexible]),
+            np.zeros((len(sensors), 3 * m)),
+            np.zeros(len(sensors)),
+            np.zeros(len(sensors)),
+            np.array([sensor.noise for sensor in sensors]),
+            settings.timing_error,
+            settings.model_error,
+        )
         self._mobility: Array | None = None  # for which the line is
         self._moments = bool(sensors) and accelerations is not None and not robot.tree.loops
         self._bent = robot if composed_sensors(robot) else None
-        self._noise = np.array([sensor.noise for sensor in sensors])
         self.filter = AmplitudeFilter(
             robot.copy(),
             step,
@@ -154,7 +159,7 @@ class StrainFusion:
             self.inertial.bias,
             steady=self.inertial.loads if self.inertial.names else None,
         )
-        self.filter.set_floor(self._rows, self._noise)
+        self.filter.set_floor(self._reading.shapes, self._reading.noise)
         self._trail = StateHistory(math.ceil(max_age / step) + 2, 2 * m)
         self._max_age = max_age
         self._waiting: list[Value] = []
@@ -214,15 +219,17 @@ class StrainFusion:
             counts['not_finite'] += 1
             return False
         behind = max(self._trail.last - stamp, 0.0) if len(self._trail) else 0.0
-        self._behind[place] = np.fmin(behind, self._behind[place] + CREEP * self._step)
-        if stamp == self.heard[place]:
+        crept, heard = self._behind[place] + CREEP * self._step, self.heard[place]
+        self._behind[place] = crept if crept < behind else behind  # at first it is NaN
+        if stamp == heard:
             counts['repeated'] += 1
             return False
         if len(self._waiting) == WAITING:
             oldest = self._waiting.pop(0)
             self.counts[oldest[1]]['overflow'] += 1
         bisect.insort(self._waiting, (stamp, place, value))
-        self.heard[place] = np.fmax(self.heard[place], stamp)
+        if not stamp < heard:
+            self.heard[place] = stamp
         return True
 
     def correct(self, q: Array, qd: Array) -> None:
@@ -263,14 +270,16 @@ class StrainFusion:
         """
         if self.inertial.names:
             return 0.0
-        heard = self._trail.last - self.heard <= self._max_age
-        return float(self._behind[heard].max(initial=0.0))
+        newest, most = self._trail.last, self._max_age
+        behind, heard = self._behind.tolist(), self.heard.tolist()
+        late = [lag for lag, at in zip(behind, heard, strict=True) if newest - at <= most]
+        return max(late, default=0.0)
 
     def _relinearize(self, robot: Robot, q: Array) -> None:
         """Take the sensors' rows about a state (n,): deflections of segments are not linear."""
         rows = robot.beam_sensor_rows(q)
-        self._rows = rows[:, self._flexible]
-        self._shift = robot.beam_sensor_values(q) - rows @ q
+        self._reading.shapes[:] = rows[:, self._flexible]
+        self._reading.constant[:] = self._shift = robot.beam_sensor_values(q) - rows @ q
 
     def _find_moments(self, q: Array, qd: Array) -> None:
         """Find what gauges read beyond the shapes at the newest state (n,), and how it changes.
@@ -279,17 +288,17 @@ class StrainFusion:
         R M^-1 [-K, -C, 1], R those by d''.
         """
         assert self._accelerations is not None
-        robot, qdd, _ = self._accelerations(self._trail.last, q, qd)
-        self._beyond = robot.beyond_shapes(q, qd, qdd)
-        model, m = self.filter, self._m
+        robot, qdd = self._accelerations(self._trail.last, q, qd)
+        model, m, reading = self.filter, self._m, self._reading
+        reading.beyond[:] = robot.beyond_shapes(q, qd, qdd)
         if self._mobility is not model.held_mobility:
             self._mobility = model.held_mobility
             by_force = robot.beyond_shapes_by_accelerations(q)[:, self._flexible] @ self._mobility
-            self._moved[:, :m] = -by_force * model.stiffness
-            self._moved[:, m : 2 * m] = -by_force * model.damping
-            self._moved[:, 2 * m :] = by_force
+            reading.moved[:, :m] = -by_force * model.stiffness
+            reading.moved[:, m : 2 * m] = -by_force * model.damping
+            reading.moved[:, 2 * m :] = by_force
         now = np.concatenate((q[self._flexible], qd[self._flexible], self.loads))
-        self._constant = self._beyond - self._moved @ now
+        reading.constant[:] = self._shift + reading.beyond - reading.moved @ now
 
     def _late(self, group: list[Value]) -> None:
         for _, place, _ in group:
@@ -298,12 +307,13 @@ class StrainFusion:
     def _take_inertial(self, group: list[Value], q: Array, qd: Array) -> None:
         """Correct the newest state, the loads and biases by values of about its time."""
         assert self._accelerations is not None
+        assert self._uncertainty is not None
         now, inertial, m = self._trail.last, self.inertial, self._m
         newest = self._trail.since(now)[1][0]
         expected = np.concatenate((newest, self.loads, self.biases, self.shares))
         self._go_on(now, expected, q)
         q[self._flexible], qd[self._flexible] = expected[:m], expected[m : 2 * m]
-        inertial.move(now, q, qd, self._accelerations, self.filter)
+        inertial.move(now, q, qd, self._accelerations, self._uncertainty, self.filter)
         which = [place - self._beams for _, place, _ in group]
         ages = np.array([now - stamp for stamp, _, _ in group])
         change = inertial.change[which]
@@ -320,9 +330,14 @@ class StrainFusion:
             self._judge(place, stamp, good, q)
         self._spread(state - expected, now)
 
+    @property
+    def is_steady(self) -> bool:
+        """Whether the forces outside the model do not depend on its state."""
+        return not len(self.shares)
+
     def forces(self, q: Array, qd: Array, ahead: float = 0.0) -> Array:
         """Forces outside the model (m,) at a state (n,), a time after it [s]."""
-        if not len(self.shares):
+        if self.is_steady:
             return self.loads
         bent = q[self._flexible] + ahead * qd[self._flexible]
         forces: Array = self.loads + self.filter.shared(bent) @ self.shares
@@ -333,39 +348,24 @@ class StrainFusion:
 
         The rest is what the model alone explains.
         """
-        values: Array = self._rows @ (self.loads / self.filter.stiffness)
+        values: Array = self._reading.shapes @ (self.loads / self.filter.stiffness)
         return values
 
     def _take(self, group: list[Value], q: Array) -> None:
         """Correct the trail from the values' stamp on, and the loads."""
         stamp, places = group[0][0], [place for _, place, _ in group]
-        expected = np.concatenate((self._trail.at(stamp), self.loads, self.biases, self.shares))
-        self._go_on(stamp, expected, q)
+        state = np.concatenate((self._trail.at(stamp), self.loads, self.biases, self.shares))
+        self._go_on(stamp, state, q)
         lag = self._time - stamp
+        # where the covariance is of later, rates lead the amplitudes of then there
         lag = lag if lag > 0.5 * self._step else 0.0
-        if lag:
-            # the covariance is of later: the amplitudes of then are led there by their rates
-            expected[: self._m] += lag * expected[self._m : 2 * self._m]
-        m, settings = self._m, self._settings
         values = np.array([value for _, _, value in group])
-        values -= self._shift[places] + self._constant[places]
-        state = expected.copy()
-        rows = np.zeros((len(places), len(state)))
-        rows[:, : 3 * m] = self._moved[places]
-        rows[:, :m] += self._rows[places]
-        change = rows[:, :m] @ expected[m : 2 * m]  # of the values per second
-        noise = np.sqrt(
-            self._noise[places] ** 2
-            + (settings.timing_error * change) ** 2
-            + (settings.model_error * self._beyond[places]) ** 2
+        change, taken = self.filter.correct_readings(
+            np.array(places), values, self._reading, lag, self._settings.gate, state
         )
-        if lag:
-            noise = np.hypot(noise, self.filter.line_error(rows[:, :m], lag))
-            rows[:, m : 2 * m] -= lag * rows[:, :m]
-        taken = self.filter.correct_rows(rows, noise, values, settings.gate, state)
         for place, good in zip(places, taken.tolist(), strict=True):
-            self._judge(place, stamp, good, q)
-        self._spread(state - expected, max(stamp, self._time))
+            self._judge(place, stamp, good > 0.0, q)
+        self._spread(change, max(stamp, self._time))
 
     def _go_on(self, stamp: float, state: Array, q: Array) -> None:
         """Bring the covariance to a stamp, unless it is there."""
@@ -440,9 +440,8 @@ def _require_noise(robot: Robot, sensors: tuple[Sensor, ...]) -> None:
 
 # rows of inertial sensors -----------------------------------------------------------------------
 
-# time, coordinates and rates (n,) to the robot on its base of then, the accelerations (n,) and
-# the deviations (n,) of those measured
-Accelerations = Callable[[float, Array, Array], 'tuple[Robot, Array, Array]']
+# time, coordinates and rates (n,) to the robot on its base of then and the accelerations (n,)
+Accelerations = Callable[[float, Array, Array], 'tuple[Robot, Array]']
 
 OLDEST = 0.005  # s behind the joints: what a line through the newest values still serves
 REFRESH = 0.01  # s after which the rows are worked out anew
@@ -511,10 +510,14 @@ class InertialRows:
         self._time = self._refreshed = -math.inf
 
     def move(
-        self, time: float, q: Array, qd: Array, motion: Accelerations, model: AmplitudeFilter
-    ) -> None:
-        """Work out values and rows at a time [s] and its state (n,)."""
-        robot, qdd, deviation = motion(time, q, qd)
+        self, time: float, q: Array, qd: Array, motion: Accelerations,
+        uncertainty: Callable[[], Array], model: AmplitudeFilter,
+    ) -> None:  # fmt: skip
+        """Work out values and rows at a time [s] and its state (n,).
+
+        `uncertainty` gives the deviations (n,) of the accelerations that are measured.
+        """
+        robot, qdd = motion(time, q, qd)
         values = robot.sensor_values(q, qd, qdd)[self._places]
         passed = time - self._time
         if 0.0 < passed <= OLDEST:
@@ -525,7 +528,7 @@ class InertialRows:
             self._refresh(robot, q, qd, qdd, model)
             self._refreshed = time
         self.expected, self._time = values, time
-        self.uncertain = np.abs(self._by_acceleration) @ deviation
+        self.uncertain = np.abs(self._by_acceleration) @ uncertainty()
 
     def _refresh(
         self, robot: Robot, q: Array, qd: Array, qdd: Array, model: AmplitudeFilter

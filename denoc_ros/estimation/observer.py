@@ -15,11 +15,12 @@ from denoc_ros.dynamics.measured_side import MotorSide, WholeCoordinates
 from denoc_ros.dynamics.reacting_base import ReactingBase
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.springs import CUTOFF, GearSprings
-from denoc_ros.dynamics.stepper import Stepper
+from denoc_ros.dynamics.stepper import Stepper, raise_step_status
 from denoc_ros.errors import SolverError
 from denoc_ros.estimation.fusion import StrainFusion
 from denoc_ros.estimation.observer_settings import ObserverSettings
 from denoc_ros.estimation.tracking import TrackingFilter, joining_acceleration
+from denoc_ros.kernels.articulated import articulated_dynamics
 from denoc_ros.kernels.driven_step import BANDWIDTH, INTERVAL, MEASURED, SHORTEST, STEP
 from denoc_ros.kernels.driven_step import MOST_STEPS as MOST
 from denoc_ros.types import Array
@@ -107,6 +108,7 @@ class Observer:
         self.springs = HiddenSprings(self.robot, self.motion.joints, settings)
         self.q, self.qd, self.q_ahead, self.qd_ahead = np.zeros((4, robot.n))
         self._q, self._qd = np.zeros((2, robot.n))  # at the last measurement
+        self._held = robot.held(robot.joint_indices)
         self._tau = np.zeros(robot.n)  # efforts, and loads that sensors show
         self.fusion: StrainFusion | None = None
         if settings.fusion is not None:
@@ -116,7 +118,8 @@ class Observer:
                 settings.fusion,
                 settings.max_age,
                 self._free if settings.source == 'joints' else np.arange(robot.n),
-                self.accelerations,
+                self._measured_accelerations,
+                self._uncertainty,
             )
         self.base: BaseAt | None = None
         if robot.tree.sensors and not robot.tree.loops:  # nothing is made in the loop
@@ -127,10 +130,14 @@ class Observer:
         self._numbers[SHORTEST] = 2.5 * settings.step  # of several ticks
         self._numbers[STEP], self._numbers[MOST] = settings.step, MOST_STEPS
         self._still = np.zeros(len(self.motion.given))
+        # what sensors show is the same in all steps to the next measurement
+        self._steady = self.fusion is None or self.fusion.is_steady
+        # s up to which one call leads to the next measurement; sensors' values want each step
+        self._in_one = LONGEST_GAP if self.fusion is None else (1.0 + 1e-6) * settings.step
         self._simple = (
             settings.source == 'joints'
             and self.motion.plain
-            and self.fusion is None
+            and self._steady
             and not (self._stepper.tied or self._floating.floats or self.springs.hidden)
         )
         self.late = self.repeated = self.restarts = self.unsettled = 0
@@ -186,14 +193,19 @@ class Observer:
             self.late += 1
             return False
         interval = stamp - self._stamp
-        if self._simple and self.base is None and interval <= LONGEST_GAP:
+        if self._simple and self.base is None and interval <= self._in_one:
             rates = q if qd is None else qd
+            if self.fusion is not None:
+                self._load(self._q, self._qd)
             self._numbers[INTERVAL] = interval
             self._stepper.measure(
                 self._numbers, self._filter.state, (q, rates), qd is not None,
                 self._tau, self._q, self._qd,
             )  # fmt: skip
             self._stamp = stamp
+            if self.fusion is not None:
+                self._follow(0.0)
+                self._fuse()
             if effort is not None:
                 self.take_effort(effort)
             return True
@@ -253,22 +265,30 @@ class Observer:
         if self.fusion is not None:
             self._tau[self._flexible] = self.fusion.forces(q, qd, ahead)
 
-    def accelerations(self, time: float, q: Array, qd: Array) -> tuple[Robot, Array, Array]:
-        """Return the robot at a time, its accelerations (n,) and deviations of those measured."""
-        robot, deviation = self.robot, np.zeros(self.robot.n)
+    def _measured_accelerations(self, time: float, q: Array, qd: Array) -> tuple[Robot, Array]:
+        """Return the robot at a time, and its accelerations (n,)."""
         self._load(q, qd)
-        qdd = self._accelerate(robot, time, q, qd)
+        return self.robot, self._accelerate(self.robot, time, q, qd)
+
+    def _uncertainty(self) -> Array:
+        """Return the deviations (n,) of the joints' measured accelerations."""
+        deviation = np.zeros(self.robot.n)
         unsteady = self.motion.given_accelerations(np.sqrt(self._filter.unsteady))
-        deviation[robot.joint_indices] = np.abs(unsteady)
-        return robot, qdd, deviation
+        deviation[self.robot.joint_indices] = np.abs(unsteady)
+        return deviation
 
     def _accelerate(self, robot: Robot, time: float, q: Array, qd: Array) -> Array:
         """Return the accelerations (n,) by the joints' measured ones and the present loads."""
         if self.base is not None:
             robot.move_base(self.base(time))
-        qdd = np.empty(robot.n)
-        qdd[robot.joint_indices] = given = self.motion.given_accelerations(self._filter.qdd)
-        qdd[robot.flexible_indices] = robot.hybrid_dynamics(q, qd, given, tau=self._tau)[1]
+        qdd, given, torque = np.zeros((3, robot.n))
+        wanted = self.motion.given_accelerations(self._filter.qdd)
+        given[robot.joint_indices] = wanted
+        status = articulated_dynamics(
+            robot.handle, robot.armature, self._held, q, qd, given, self._tau, qdd, torque
+        )
+        raise_step_status(robot, status, q, qd, given, self._tau)
+        qdd[robot.joint_indices] = wanted
         return qdd
 
     def sensor_values(self, robot: Robot) -> Array:
@@ -434,7 +454,7 @@ class Observer:
         lead = now - stamp
         if lead > self._max_age:
             lead = self._max_age
-        if lead > 0.0 and self.fusion is None and self.base is None:
+        if lead > 0.0 and self._steady and self.base is None:
             self._coast((self._q, self._qd), q, qd, lead, most)
             return
         q[:], qd[:] = self._q, self._qd
@@ -464,7 +484,7 @@ class Observer:
             `q_ahead`, `qd_ahead`: overwritten by the next call.
         """
         horizon, most = self.settings.horizon, self.settings.horizon_steps
-        if horizon > 0.0 and reference is None and self.fusion is None and self.base is None:
+        if horizon > 0.0 and reference is None and self._steady and self.base is None:
             self._coast((self.q, self.qd), self.q_ahead, self.qd_ahead, horizon, most)
             return self.q_ahead, self.qd_ahead
         self.q_ahead[:], self.qd_ahead[:] = self.q, self.qd

@@ -364,6 +364,9 @@ class DenocNode(GuardedNode):
         """Return the node's own statuses for /diagnostics."""
         return []
 
+    def await_pause(self) -> None:
+        """Wait until a loop leaves the interpreter to others for a while."""
+
     def log_waiting(self) -> None:
         """Log the messages that a loop has left."""
         while self.to_log:
@@ -371,6 +374,7 @@ class DenocNode(GuardedNode):
 
     def _every_second(self) -> None:
         self.log_waiting()
+        self.await_pause()
         statuses = self.guard.calling('diagnostics', self.statuses)() or []
         if self.clock_input is not None and isinstance(self.clock, SimulatedClock):
             silence = time.perf_counter() - self.clock.heard
@@ -379,8 +383,10 @@ class DenocNode(GuardedNode):
             statuses.append(input_status(self.monitors, self.clock.now()))
         if self.guard.failures:
             statuses.append(callback_status(self.guard))
+        self.await_pause()
         self._diagnostics.publish(statuses)
         if self.owns_process:
+            self.await_pause()
             # all that existed at configure is frozen: this looks at the few new objects only
             gc.collect()
 

@@ -537,6 +537,11 @@ class RobotNode(ModelNode):
         self.loop.load.threshold = settings.number('diagnostics.threshold.load')
         self.loop.start()
 
+    def await_pause(self) -> None:
+        """Wait until the loop has just ended a tick."""
+        if self._loop_runs and self.loop is not None and not self.clock.is_simulated:
+            self.loop.await_pause()
+
     def _watch_cores(self) -> None:
         """Let the loop know when it and other real-time threads fill their cores together."""
         if self._loop_runs and self.loop is not None:

@@ -67,21 +67,39 @@ def read_array(raw: bytes, sensor: Sensor, _wrench_field: str) -> Reading:
     return 0, (float(values[place]),)
 
 
-def read_joint_state(raw: bytes, sensor: Sensor, _wrench_field: str) -> Reading:
-    """Return stamp [ns] and the position, effort where it has none, under the sensor's name."""
-    layout = JointStateLayout.of(MessageReader(raw))
-    names = list(layout.names)
-    position, _, effort = layout.values(raw)
-    wanted = sensor.field or sensor.name
-    if wanted not in names:
-        raise InputError('missing_field', f'name must contain {wanted!r}, got {names}')
-    place = names.index(wanted)
-    # joint_state_broadcaster writes NaN where there is no such interface
-    has_position = place < len(position) and not math.isnan(position[place])
-    values = position if has_position or not len(effort) else effort
-    if place >= len(values):
-        raise InputError('wrong_length', f'position must have {len(names)} elements')
-    return layout.stamp_ns(raw), (float(values[place]),)
+class JointStateValues:
+    """Reads the JointState messages of a topic, whose sensors ask one after the other."""
+
+    def __init__(self) -> None:
+        self._raw = b''
+        self._layout: JointStateLayout | None = None
+        self._stamp_ns = 0
+        self._position, self._effort = list[float](), list[float]()
+
+    def __call__(self, raw: bytes, sensor: Sensor, _wrench_field: str) -> Reading:
+        """Return stamp [ns] and the position, effort where it has none, under a sensor's name."""
+        layout = self._layout
+        if layout is None or raw is not self._raw:
+            layout = self._read(raw)
+        names, wanted = layout.names, sensor.field or sensor.name
+        if wanted not in names:
+            raise InputError('missing_field', f'name must contain {wanted!r}, got {list(names)}')
+        place, position = names.index(wanted), self._position
+        # joint_state_broadcaster writes NaN where there is no such interface
+        has_position = place < len(position) and not math.isnan(position[place])
+        values = position if has_position or not self._effort else self._effort
+        if place >= len(values):
+            raise InputError('wrong_length', f'position must have {len(names)} elements')
+        return self._stamp_ns, (values[place],)
+
+    def _read(self, raw: bytes) -> JointStateLayout:
+        layout = self._layout
+        if layout is None or not layout.fits(raw):
+            layout = JointStateLayout.of(MessageReader(raw))
+        position, _, effort = layout.values(raw)
+        self._position, self._effort = position.tolist(), effort.tolist()
+        self._raw, self._layout, self._stamp_ns = raw, layout, layout.stamp_ns(raw)
+        return layout
 
 
 def read_wrench(raw: bytes, _sensor: Sensor, wrench_field: str) -> Reading:
@@ -105,16 +123,19 @@ def read_accelerometer(raw: bytes, _sensor: InertialSensor, _wrench_field: str) 
     return stamp_ns, tuple(acceleration[:3].tolist())
 
 
-READERS: dict[str, tuple[type, Reader]] = {
-    'std_msgs/msg/Float64': (Float64, read_float),
-    'std_msgs/msg/Float64MultiArray': (Float64MultiArray, read_array),
-    'sensor_msgs/msg/JointState': (JointState, read_joint_state),
-    'geometry_msgs/msg/WrenchStamped': (WrenchStamped, read_wrench),
+# message types, and how the messages of a topic are read
+READERS: dict[str, tuple[type, Callable[[], Reader]]] = {
+    'std_msgs/msg/Float64': (Float64, lambda: read_float),
+    'std_msgs/msg/Float64MultiArray': (Float64MultiArray, lambda: read_array),
+    'sensor_msgs/msg/JointState': (JointState, JointStateValues),
+    'geometry_msgs/msg/WrenchStamped': (WrenchStamped, lambda: read_wrench),
 }
 # of inertial sensors, by what they are
-INERTIAL_READERS: dict[str, dict[str, tuple[type, Reader]]] = {
-    'imu': {'sensor_msgs/msg/Imu': (Imu, read_imu_values)},
-    'accelerometer': {'geometry_msgs/msg/AccelStamped': (AccelStamped, read_accelerometer)},
+INERTIAL_READERS: dict[str, dict[str, tuple[type, Callable[[], Reader]]]] = {
+    'imu': {'sensor_msgs/msg/Imu': (Imu, lambda: read_imu_values)},
+    'accelerometer': {
+        'geometry_msgs/msg/AccelStamped': (AccelStamped, lambda: read_accelerometer)
+    },
 }
 
 
@@ -130,7 +151,7 @@ class Member:
     wrench_field: str = ''  # component of a wrench that it measures
 
     @property
-    def readers(self) -> dict[str, tuple[type, Reader]]:
+    def readers(self) -> dict[str, tuple[type, Callable[[], Reader]]]:
         """Message types that it may come as."""
         if isinstance(self.sensor, InertialSensor):
             return INERTIAL_READERS[self.sensor.type]
@@ -227,13 +248,13 @@ class SensorInputs:
 
     def _subscribe(self, topic: str, type_name: str) -> None:
         self._subscribed.add(topic)
-        message_type, _ = self._members[topic][0].readers[type_name]
-        clock = StampClock()
+        message_type, reader = self._members[topic][0].readers[type_name]
+        read, clock = reader(), StampClock()
 
         def handle(raw: bytes, now: float) -> None:
             known = self._members.get(topic, [])  # of a changed model it may be another sensor's
             members = [each for each in known if type_name in each.readers]
-            self._take(raw, now, type_name, members, monitor, clock)
+            self._take(raw, now, read, members, monitor, clock)
 
         monitor = self._node.listen_in_loop(message_type, topic, handle)
 
@@ -241,14 +262,12 @@ class SensorInputs:
         self,
         raw: bytes,
         now: float,
-        type_name: str,
+        read_value: Reader,
         members: Sequence[Member],
         monitor: InputMonitor,
         clock: StampClock,
     ) -> None:
-        read = [
-            each.readers[type_name][1](raw, each.sensor, each.wrench_field) for each in members
-        ]
+        read = [read_value(raw, each.sensor, each.wrench_field) for each in members]
         for member, (_, values) in zip(members, read, strict=True):
             if not all(map(math.isfinite, values)):
                 name = member.sensor.name

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
+
 from denoc_ros.control import impulses
+from denoc_ros.control.joint_plans import RestOptions
 from denoc_ros.control.limit_rows import JOINTS
 from denoc_ros.runtime.parameters import ParameterTable
 from denoc_ros.runtime.shared_parameters import (
@@ -12,10 +16,20 @@ from denoc_ros.runtime.shared_parameters import (
     range_parameters,
     robot_parameters,
 )
-from denoc_ros.settings import Kind, parameter
+from denoc_ros.settings import Kind, Parameter, Value, declared, parameter
 
 OF_STREAMS = impulses.METHODS
 METHODS = ('tip', *OF_STREAMS, 'rest_to_rest')
+PLANS = declared(RestOptions)
+
+
+def _of_plans(name: str, default: Value, highest: float, when: str = '') -> Parameter:
+    """Return an option of plans as a live parameter; 0 stands for one that is not given."""
+    row = PLANS[name].within(0.0, highest)
+    text, _, unset = row.text.partition('; default: ')
+    text += f'; 0: {unset}' if unset and not default else ''
+    return replace(row, name=name, default=default, text=when + text, positive=False, live=True)
+
 
 TABLE = ParameterTable(
     [
@@ -45,15 +59,7 @@ TABLE = ParameterTable(
             'least time within the limits',
             live=True,
         ),
-        parameter(
-            'margin',
-            0.0,
-            'share of every limit but positions that `fastest` keeps free',
-            '',
-            0.0,
-            0.9,
-            live=True,
-        ),
+        _of_plans('margin', 0.0, 0.9, 'with `fastest`: '),
         parameter(
             'tip',
             '',
@@ -68,16 +74,7 @@ TABLE = ParameterTable(
             choices=('free_floating', 'free_flying'),
             live=True,
         ),
-        parameter(
-            'modes',
-            0,
-            'number of modes that come to rest, from the lowest; 0: all below ten times the '
-            'lowest frequency',
-            '',
-            0,
-            100,
-            live=True,
-        ),
+        _of_plans('modes', 0, 100),
         parameter(
             'mode_table',
             '',
@@ -85,24 +82,8 @@ TABLE = ParameterTable(
             'modes of the model, which may be rigid (`method: zv, zvd, ei`); read again by '
             '`~/reload_model`',
         ),
-        parameter(
-            'robustness',
-            0.1,
-            "assumed error of the modes' frequencies, as a share (`method: rest_to_rest`)",
-            '',
-            0.0,
-            0.5,
-            live=True,
-        ),
-        parameter(
-            'radius',
-            0.0,
-            'how near the tip passes the points of a trajectory between first and last '
-            '(`method: rest_to_rest`); 0: they do not matter',
-            'm',
-            0.0,
-            live=True,
-        ),
+        _of_plans('robustness', 0.1, 0.5, 'with `method: rest_to_rest`: '),
+        _of_plans('radius', 0.0, math.inf, 'with `method: rest_to_rest`: '),
         *(
             parameter(
                 f'limits.{what}',

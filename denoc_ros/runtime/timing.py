@@ -35,6 +35,7 @@ FULL = 0.9  # share of their time that cores are busy which may leave somebody w
 SAMPLE = 0.05  # s over which the real-time threads of full cores are looked at
 HARMLESS = 0.5  # share of full cores below which real-time threads are not looked at for a while
 CALM = 1.0  # s of that
+SEVERAL = 8  # processes that are looked at without a pause for others
 REALTIME = (os.SCHED_FIFO, os.SCHED_RR)
 WINDOW = 1 << 15  # ticks kept between two readings of the statistics
 # period over its nominal value: finer around 1, open at both ends
@@ -214,9 +215,11 @@ class SharedCores:
     def _realtime_threads(self) -> list[int]:
         """Return the real-time threads that may run on these cores."""
         found = []
-        for process in os.listdir('/proc'):  # as text: a Path for each takes several times as long
-            if not process.isdecimal():
-                continue
+        # as text: a Path for each takes several times as long
+        processes = filter(str.isdecimal, os.listdir('/proc'))
+        for count, process in enumerate(processes, 1):
+            if count % SEVERAL == 0:  # a loop may be due
+                time.sleep(SHORT)
             try:
                 for thread in map(int, os.listdir(f'/proc/{process}/task')):
                     policy = os.sched_getscheduler(thread) & ~os.SCHED_RESET_ON_FORK
@@ -260,6 +263,10 @@ class LoopStatistics:
         """Share of deadlines missed by more than half a period since the last reading."""
         deadlines = self.ticks + self.skipped
         return (self.late + self.skipped) / deadlines if deadlines else 0.0
+
+
+LONGEST_WAIT, SHORT = 0.01, 1e-4  # s that others wait for the end of a tick; between two looks
+QUANTILES = (50, 99, 100)  # % that are told of periods and ticks
 
 
 class RealtimeLoop:
@@ -336,6 +343,16 @@ class RealtimeLoop:
         if self._thread is not None and self._thread is not threading.current_thread():
             self._thread.join(timeout)
 
+    def await_pause(self) -> None:
+        """Wait for the end of a tick, `LONGEST_WAIT` at most, in another thread.
+
+        What that thread does next has the interpreter until the next tick; at any other time, each
+        call of the middleware in a tick would wait for it once more.
+        """
+        count, end = self._count, time.perf_counter() + LONGEST_WAIT
+        while self._count == count and time.perf_counter() < end:
+            time.sleep(SHORT)
+
     def _run(self) -> None:
         self.realtime_options = make_thread_timely(self._priority, self._core)
         try:
@@ -408,13 +425,17 @@ class RealtimeLoop:
             minlength=len(HISTOGRAM_EDGES),
         )
         some = len(periods) > 0
+        usual, long, longest = np.percentile(periods, QUANTILES).tolist() if some else (0.0,) * 3
+        usual_spent, long_spent, _ = (
+            np.percentile(spent, QUANTILES).tolist() if new else (0.0,) * 3
+        )
         return LoopStatistics(
             rate=float(1.0 / periods.mean()) if some else 0.0,
-            period_p50=float(np.percentile(periods, 50)) if some else 0.0,
-            period_p99=float(np.percentile(periods, 99)) if some else 0.0,
-            period_max=float(periods.max()) if some else 0.0,
-            tick_p50=float(np.percentile(spent, 50)) if new else 0.0,
-            tick_p99=float(np.percentile(spent, 99)) if new else 0.0,
+            period_p50=usual,
+            period_p99=long,
+            period_max=longest,
+            tick_p50=usual_spent,
+            tick_p99=long_spent,
             ticks=int(new),
             late=late_ticks,
             skipped=new_skipped,

@@ -170,6 +170,22 @@ def test_errors_of_stiffness_and_load_at_once_are_found_on_the_way() -> None:
     np.testing.assert_allclose(errors.values, [1 / 1.2 - 1, 1 / 1.2 - 1, -0.2], atol=0.015)
 
 
+def test_pauses_while_errors_are_learned_blame_no_sensor_and_cost_little() -> None:
+    planned = tip_exact(10.0, 1.0, described())
+    for long, most in ((0.008, 0.009), (0.02, 0.03)):
+        feedback = StateFeedback(planned.robot, planned.schedule())
+        away = {1.0 + 0.04 * k: long for k in range(5)}
+        run = Loop(planned, canadarm(0.9, 1.2, described(segments=8)), feedback, away=away)
+        outcome = run.run(3.0)
+        errors = feedback.filter.errors
+        assert errors is not None
+        assert not errors.faulty.any()
+        assert (outcome.share[1000:] == 1.0).all()
+        assert (
+            np.sqrt(np.mean(outcome.error**2)) < most
+        )  # where nothing was learned 16, where a gauge was blamed 58 mm
+
+
 def test_softer_beams_with_less_load_do_not_ring_by_what_is_learned() -> None:
     planned = tip_exact(10.0, 1.0, described())
     feedback = StateFeedback(planned.robot, planned.schedule())
@@ -248,3 +264,19 @@ def test_gauge_that_turns_over_where_strain_changes_sign_does_not_lose_the_arm()
     assert not run.share[-500:].any()
     assert np.abs(np.diff(run.torque, axis=0)).max() < 0.05 * planned.limits[0]
     assert run.error.max() < 0.01
+
+
+def test_gauge_that_sticks_where_strain_changes_sign_teaches_nothing_wrong() -> None:
+    planned, schedule = quick()
+    loop = Loop(planned, canadarm(source=described()), StateFeedback(planned.robot, schedule))
+    stuck: list[float] = []
+
+    def wrong(now: float, value: float) -> float:
+        if now < 2.0:
+            return value
+        stuck.append(value)
+        return stuck[0]
+
+    # its neighbours are blamed as well, and the joints alone remain
+    loop.wrong = wrong
+    assert loop.run(7.0).error[3500:].max() < 0.01  # where learning went on, 20 mm

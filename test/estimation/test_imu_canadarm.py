@@ -155,7 +155,8 @@ def test_the_row_of_a_load_is_what_a_robot_with_more_of_it_would_say() -> None:
 
     values, qdd = said(robot)
     fusion.filter.linearize(q)
-    fusion.inertial.move(0.0, q, qd, lambda *_: (robot, qdd, np.zeros(robot.n)), fusion.filter)
+    still = np.zeros(robot.n)
+    fusion.inertial.move(0.0, q, qd, lambda *_: (robot, qdd), lambda: still, fusion.filter)
     heavier, _ = said(robot.with_scaled_load('tool', 1.0 + more))
     change = (heavier - values) / more
     assert np.abs(change).max() > 0.01

@@ -23,7 +23,7 @@ from denoc_ros.nodes.messages import (
     PoseMessage,
     TrajectoryPointMessage,
 )
-from denoc_ros.nodes.sensor_inputs import read_joint_state
+from denoc_ros.nodes.sensor_inputs import JointStateValues
 from denoc_ros.runtime.conversions import CommandReader, JointStateReader, MessageReader
 from denoc_ros.runtime.input_monitor import InputError
 from denoc_ros.runtime.trajectory_messages import has_many_points, read_trajectory
@@ -125,7 +125,7 @@ def test_a_sensor_in_a_joint_state_is_read_as_effort_where_it_has_no_position() 
     message = JointState(name=['a', 'cell'], position=[1.0, float('nan')], effort=[2.0, 3.0])
 
     def value() -> float:
-        return read_joint_state(serialize_message(message), cast(Any, sensor), '')[1][0]
+        return JointStateValues()(serialize_message(message), cast(Any, sensor), '')[1][0]
 
     assert value() == 3.0
     message.position = [1.0, 5.0]

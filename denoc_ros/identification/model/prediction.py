@@ -12,7 +12,6 @@ from functools import cache
 import numpy as np
 import scipy.sparse
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import IdentificationError
@@ -364,7 +363,7 @@ class PreparedRun:
         predicted = self._passed(torque)
         delay = settings.delays.get('effort', 0.0)
         if delay:
-            predicted = CubicSpline(self.recording.t, predicted)(self.recording.t - delay)
+            predicted = self._sensed.between(predicted, self.recording.t - delay)
         if self.has_unpowered_joints:
             # as many times as large, robot and residual alike would fit alike: held to one scale
             scale = self._balance / self._balanced(robot, len(states[0]))

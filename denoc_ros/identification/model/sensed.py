@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
+from scipy.interpolate import BSpline
+from scipy.sparse.linalg import splu
 from scipy.spatial.transform import Rotation
 
 from denoc_ros.dynamics.robot import Robot
@@ -33,6 +34,19 @@ class MeasuredSignal:
     # what residuals are compared with: the deviation of the values, or of what is balanced in a
     # joint without effort
     size: float
+
+
+class SplineThrough:
+    """Cubic splines through values at stamps (k,), whose matrix is factored once."""
+
+    def __init__(self, t: Array) -> None:
+        self._knots = np.concatenate([np.full(4, t[0]), t[2:-2], np.full(4, t[-1])])
+        self._solve = splu(BSpline.design_matrix(t, self._knots, 3).tocsc()).solve
+
+    def __call__(self, values: Array, at: Array) -> Array:
+        """Return values (k, channels) at other stamps (m,), before the first as well."""
+        found: Array = BSpline.construct_fast(self._knots, self._solve(values), 3)(at)
+        return found
 
 
 class SensedChannels:
@@ -71,6 +85,7 @@ class SensedChannels:
             self._add_pose(frame, *_within(span, *recording.poses[frame]))
         self._names = {channel.name: channel for channel in self.channels}
         self._last: dict[str, tuple[Robot, Array, float, Array]] = {}
+        self._splines: dict[int, SplineThrough] = {}
         self.channels = [channel for channel in self.channels if len(channel.t)]
 
     def _add_inertial(
@@ -194,8 +209,14 @@ class SensedChannels:
             return np.empty((0, values.shape[1]))
         # behind the last stamp that was worked out nothing counts: it stays as it was there
         at = np.minimum(stamps - delay, self._t[count - 1])
-        found: Array = CubicSpline(self._t[:count], values)(at)
-        return found
+        return self.between(values, at)
+
+    def between(self, values: Array, at: Array) -> Array:
+        """Return values (j, channels) at the joints' first j stamps at other stamps."""
+        count = len(values)
+        if count not in self._splines:
+            self._splines[count] = SplineThrough(self._t[:count])
+        return self._splines[count](values, at)
 
     def _missed(self, names: list[str], predicted: Array) -> list[Array]:
         """Return measured minus predicted (m, channels) of each channel."""
