@@ -248,7 +248,9 @@ def settle(
                     problem.momentum(*halfway(q, step)),
                 )
                 matrix, since = _matrix(problem, jacobian, rows, step, hold), 0.0
-            changes = matrix and _changes(problem, matrix, (q, value, errors), jacobian)
+            changes = None
+            if matrix is not None:
+                changes = _changes(problem, matrix, (q, value, errors), jacobian)
         except StateError as error:
             raise _diverged(problem, iteration, str(error)) from error
         if changes is None:
