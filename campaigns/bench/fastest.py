@@ -1,13 +1,13 @@
 """Motions in minimum time against a single factor, and rigid ones against TOPP-RA.
 
-Prints tables: `python -m bench.fastest [PATHS] [ROBOT ...]`.
+Prints tables: `python -m bench.fastest [PATHS] [ROBOT ...]`; the robot `nodes` stands for the
+processor time of searches on ever finer grids.
 """
 
 from __future__ import annotations
 
 import sys
 import time
-from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
@@ -17,15 +17,33 @@ from timed_paths import SHARES, rigid_arm
 
 import denoc_ros as dn
 from denoc_ros.control.limit_rows import LimitRows, motion_limits
+from denoc_ros.studies.dh import urdf_text
+from denoc_ros.studies.dh_system import read_system
 from denoc_ros.types import Array
 
 LEAST = 1e-9  # a strain that a link has at all
 SURFACE = 0.14  # m: the outer fibre of the arms' booms
 HURRIED = 0.8  # of its time, so that each path is beyond the limits
 SHARE = 0.8  # of the torques and strains that the motion as it was asked for needs
+STEPS, REPEATS = (0.16, 0.08, 0.04, 0.02), 3
 STARTS = {
     'canadarm': (10.0, np.radians([10.0, 40.0, 30.0]), np.radians([60.0, 45.0, 30.0])),
     'ssrms': (20.0, np.array([0.2, 0.5, -0.9, 0.4, 0.3, 0.2]), np.full(6, 0.5)),
+    'seven': (20.0, np.array([0.2, 0.3, 0.5, -0.9, 0.4, 0.3, 0.2]), np.full(7, 0.5)),
+}
+SEVEN = {  # joints, each of whose links bends in two modes, as the SSRMS with one joint more
+    'dh': {
+        'a': [1.0, 1.0, 6.0, 7.0, 1.0, 1.0, 1.0],
+        'b': [0.0] * 7,
+        'alpha_over_pi': [0.5, -0.5, 0.0, 0.5, -0.5, 0.5, 0.0],
+    },
+    'm': [47.5, 47.5, 140.0, 85.0, 47.5, 47.5, 47.5],
+    'EI': [1e5] * 7,
+    'modes': 1,  # in either direction
+    'shape': 'clamped-free',
+    'armature': [300.0, 300.0, 300.0, 150.0, 20.0, 20.0, 20.0],
+    'damping_ratio': 0.005,
+    'limits': {'effort': 5000.0, 'velocity': 1.0, 'lower': -6.0, 'upper': 6.0},
 }
 
 
@@ -37,8 +55,7 @@ def flexible(name: str, paths: int, own: bool) -> None:
     with stiff links and torques alone, which may jump.
     """
     robot, stiff = (
-        dn.load_robot(_description(ROBOTS / f'{name}.urdf', bends), gravity=(0, 0, 0))
-        for bends in (True, False)
+        dn.load_robot(_description(name, bends), gravity=(0, 0, 0)) for bends in (True, False)
     )
     fixed = None if own else _limits(robot, *_path(name, 0, 1.0))
     saved, possible, efforts = [], [], []
@@ -69,6 +86,25 @@ def flexible(name: str, paths: int, own: bool) -> None:
         f'{name}, {whose} limits, {paths} paths: median {np.median(saved):.1f} % less (stiff '
         f'{np.median(possible):.1f} %), processor time {np.median(efforts):.0f} % in the median'
     )
+
+
+def growth(name: str) -> None:
+    """Print the processor time of searches on ever finer grids."""
+    robot = dn.load_robot(_description(name, True), gravity=(0, 0, 0))
+    times, joints = _path(name, 0, 1.0)
+    limits = _limits(robot, times, joints)
+    for step in STEPS:
+        took = []
+        for _ in range(REPEATS):
+            began = time.process_time()
+            plan = dn.shape_motion(robot, times, joints, time='minimum', step=step, **limits)
+            took.append(time.process_time() - began)
+        nodes = round(float(plan.t[-1] - plan.t[0]) / step)
+        print(
+            f'{name}: {nodes} nodes, {plan.stretch * times[-1]:.3f} s, processor time '
+            f'{np.median(took):.2f} s, {1e3 * np.median(took) / nodes:.2f} ms a node',
+            flush=True,
+        )
 
 
 def _path(name: str, seed: int, share: float) -> tuple[Array, Array]:
@@ -102,9 +138,13 @@ def _largest(plan: dn.Plan, what: str) -> float:
     return max(v for name, v in largest.items() if name.startswith(f'{what} '))
 
 
-def _description(file: Path, bends: bool) -> str:
+def _description(name: str, bends: bool) -> str:
     """Return the URDF with the surface of its beams, or without flexibility."""
-    root = ElementTree.parse(file).getroot()
+    if name == 'seven':
+        text = urdf_text(read_system(name, name, SEVEN))
+    else:
+        text = (ROBOTS / f'{name}.urdf').read_text()
+    root = ElementTree.fromstring(text.encode())
     for each in root.findall('flexibility'):
         for beam in each.findall('beam'):
             beam.set('surface', str(SURFACE))
@@ -135,9 +175,11 @@ def rigid(name: str, paths: int) -> None:
 
 if __name__ == '__main__':
     count = int(sys.argv[1]) if len(sys.argv) > 1 else 20
-    for each in sys.argv[2:] or (*SHARES, *STARTS):
+    for each in sys.argv[2:] or (*SHARES, *STARTS, 'nodes'):
         if each in SHARES:
             rigid(each, count)
+        elif each == 'nodes':
+            growth('ssrms')
         else:
             for own in (False, True):
                 flexible(each, count, own)

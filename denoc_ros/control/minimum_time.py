@@ -19,7 +19,9 @@ from denoc_ros.types import Array
 
 ROUNDS = 40
 STEADY = 1e-3  # share of the duration that a round must save
-EXCESS = 20.0  # price of a share beyond a limit, in durations
+# price of a share beyond a limit, in durations: about what a share of all limits saves, so that
+# steps of a search may be beyond them by a little; and where that leaves a motion beyond them
+EXCESS, DEAR = 2.0, 20.0
 NEAR = 1e-3  # share beyond a limit that counts as kept
 KEPT = 1e-3  # share of each limit that programs keep free
 START, LEAST, MOST = 0.5, 2e-3, 4.0  # of the trust region, as a share of each coefficient
@@ -74,7 +76,7 @@ class MinimumTimeProblem(Protocol[S]):
     names : tuple of str
         Of the rows.
     price : float
-        Of a share beyond a limit, as a share of the cost.
+        Of a share beyond a limit, as a share of the cost, to begin with.
     steady : float
         Share of the cost that a round must save.
     """
@@ -249,18 +251,16 @@ def shortest(
     here = problem.solve(start, None)
     coefficients, radius = here.coefficients, START
     best: tuple[S, Array] | None = (here, coefficients) if excess(here) <= NEAR else None
-    gains = np.zeros(len(problem.names))
+    gains, price = np.zeros(len(problem.names)), problem.price
     settled, round_ = False, 0
     for round_ in range(rounds):
         report(1.0 - 0.85**round_)
         if stopped():
             break
         jacobian = problem.jacobian(here)
-        cost = _cost(problem, here, here.cost)
+        cost = _cost(here, here.cost, price)
         while True:
-            step = program(
-                problem.program(here), here, jacobian, coefficients, radius, problem.price
-            )
+            step = program(problem.program(here), here, jacobian, coefficients, radius, price)
             if step is None:
                 radius *= 0.3
             else:
@@ -270,14 +270,18 @@ def shortest(
                     settled, gains = True, gains_there
                     break
                 found = _attempt(problem, there, (here, there - coefficients))
-                if found is not None and cost - _cost(problem, found, here.cost) < POOR * wanted:
+                if found is not None and cost - _cost(found, here.cost, price) < POOR * wanted:
                     found, there = _corrected(
-                        problem, here, found, jacobian, (coefficients, there), radius
+                        problem, (here, found), jacobian, (coefficients, there), radius, price
                     )
-                gain = -np.inf if found is None else cost - _cost(problem, found, here.cost)
+                gain = -np.inf if found is None else cost - _cost(found, here.cost, price)
                 if found is not None and gain >= POOR * wanted:
-                    radius = min(2.0 * radius, MOST) if gain >= GOOD * wanted else radius
                     here, coefficients, gains = found, found.coefficients, gains_there
+                    good = gain >= GOOD * wanted
+                    # the next gain is as much less than this one as the step was short
+                    small = length < radius and length * wanted <= problem.steady
+                    settled = good and small and excess(here) <= NEAR
+                    radius = min(2.0 * radius, MOST) if good else radius
                     break
                 radius = 0.4 * min(radius, length)
             if radius < LEAST or stopped():
@@ -285,7 +289,9 @@ def shortest(
                 break
         if excess(here) <= NEAR and (best is None or here.cost <= best[0].cost):
             best = here, coefficients
-        if settled and excess(here) > NEAR and best is None:
+        if settled and excess(here) > NEAR and price < DEAR:
+            price, radius, settled = DEAR, START, False
+        elif settled and excess(here) > NEAR and best is None:
             # no step helps from beyond the limits: go on from a slower motion
             coefficients = problem.slower(coefficients, 1.0 + max(1.2 * excess(here), 0.05))
             try:
@@ -306,14 +312,15 @@ def shortest_plan(
     rows: LimitRows,
     progress: Callable[[float], object] | None,
     cancel: Callable[[], bool] | None,
+    search: Callable[..., Found[S]] = shortest,
 ) -> Plan:
     """Return the plan of the shortest motion, made a little slower where it needs that.
 
-    Arguments and errors as of :func:`shortest`.
+    Arguments and errors as of :func:`shortest`; `search` is it, or another with its arguments.
     """
     stopped = cancel or (lambda: False)
-    found = shortest(problem, first, progress or _quiet, stopped)
-    return checked_plan(problem, found, rows, stopped)
+    found = search(problem, first, progress or _quiet, stopped)
+    return checked_plan(problem, found, rows, stopped, search)
 
 
 def _quiet(_share: float) -> None:
@@ -366,11 +373,14 @@ def kept(
         if not beyond.max(initial=0.0) > WITHIN:
             return found
         narrowed = None
-        if again < AGAIN:
-            # between the moments of the search: there the limits are made narrower
-            rows.narrow(places, np.abs(shares))
-            with suppress(SolverError):
-                narrowed = search(problem, found.coefficients, _quiet, stopped, TIGHTEN)
+        with suppress(SolverError):
+            # between the moments of the search: there the limits are made narrower, until it has
+            # something to mend
+            for _ in range(AGAIN if again < AGAIN else 0):
+                rows.narrow(places, np.where(np.abs(shares) > 1.0, np.abs(shares), 0.0))
+                if excess(problem.solve(found.coefficients, None)) > NEAR:
+                    narrowed = search(problem, found.coefficients, _quiet, stopped, TIGHTEN)
+                    break
         if narrowed is not None and not np.array_equal(narrowed.coefficients, found.coefficients):
             found = replace(narrowed, settled=found.settled and narrowed.settled)
         else:
@@ -395,17 +405,17 @@ def _broken(problem: MinimumTimeProblem[S], solution: S) -> str:
 
 def _corrected(
     problem: MinimumTimeProblem[S],
-    here: S,
-    found: S,
+    motions: tuple[S, S],
     jacobian: Array | sparse.csr_array,
     steps: tuple[Array, Array],
     radius: float,
+    price: float,
 ) -> tuple[S | None, Array]:
     """Return the motion of a program with the limits' values as they were found, and where.
 
     A correction of second order: the derivatives are those of the motion before.
     """
-    before, there = steps
+    (here, found), (before, there) = motions, steps
     shares = problem.shares_at(found, here).ravel() - jacobian @ (there - before)
     step = program(
         problem.program(here),
@@ -413,19 +423,19 @@ def _corrected(
         jacobian,
         before,
         radius,
-        problem.price,
+        price,
         shares.reshape(here.shares.shape),
     )
     if step is None:
         return found, there
     again = _attempt(problem, step[0], (here, step[0] - before))
-    if again is None or _cost(problem, again, here.cost) >= _cost(problem, found, here.cost):
+    if again is None or _cost(again, here.cost, price) >= _cost(found, here.cost, price):
         return found, there
     return again, step[0]
 
 
-def _cost(problem: MinimumTimeProblem[S], solution: S, unit: float) -> float:
-    return solution.cost / unit + problem.price * max(0.0, excess(solution) - 0.5 * NEAR)
+def _cost(solution: Solution, unit: float, price: float) -> float:
+    return solution.cost / unit + price * max(0.0, excess(solution) - 0.5 * NEAR)
 
 
 def _attempt(

@@ -40,15 +40,15 @@ def rest_posture(problem: TipProblem, node: int, start: Array) -> tuple[Array, A
     moved = left = np.inf
     for _ in range(ITERATIONS):
         equations = problem.equations(q, rest, rest, multipliers)
-        errors = problem.errors(q, rows)
-        change = _newton(problem, equations, q, errors, problem.asked[node])
+        residual, errors = problem.residual(q, rest, rest, multipliers), problem.errors(q, rows)
+        change = _newton(problem, equations, q, (residual, errors), problem.asked[node])
         if change is None:
             break
         largest = float(np.abs(change[problem.driven]).max(initial=0.0))
         share = min(1.0, LONGEST / max(largest, 1e-300))
         q, multipliers = q + share * change[:n], multipliers + share * change[n:]
         moved = float(np.abs(change[:n]).max())
-        left = float(np.abs(equations.value).max(initial=0.0))
+        left = float(np.abs(residual).max(initial=0.0))
         if moved <= SETTLED * (1.0 + np.abs(q).max()):
             return q[0], multipliers[0]
         if not np.isfinite(q).all():
@@ -61,13 +61,13 @@ def rest_posture(problem: TipProblem, node: int, start: Array) -> tuple[Array, A
 
 
 def _newton(
-    problem: TipProblem, equations: Equations, q: Array, errors: Array, asked: Array
+    problem: TipProblem, equations: Equations, q: Array, left: tuple[Array, Array], asked: Array
 ) -> Array | None:
     """Return the change (n + m,) of posture and multipliers in one Gauss-Newton step.
 
-    A floating base stays where it is.
+    `left` has the equations' values and the errors. A floating base stays where it is.
     """
-    n, driven = q.shape[1], problem.driven
+    n, driven, (residual, errors) = q.shape[1], problem.driven, left
     jacobian = problem.error_derivatives(q, errors)[0]
     by = np.concatenate([equations.by_q[0], equations.by_multipliers[0]], axis=1)
     p, size = by.shape
@@ -80,7 +80,7 @@ def _newton(
     right[:n] = -jacobian.T @ errors[0]
     right[driven] -= problem.draw**2 * (q[0] - asked)[driven]
     right[problem.base] = 0.0
-    right[size:] = -equations.value[0]
+    right[size:] = -residual[0]
     try:
         return np.asarray(np.linalg.solve(matrix, right)[:size])
     except np.linalg.LinAlgError:

@@ -109,11 +109,11 @@ class TipGrids:
         self.report = _reporter(options)
         self._turn: float | None = None
 
-    def solve(self, asked: Motion, nodes: int = NODES, refine: bool = True) -> TipGrid:
-        """Return the motion, its grid `refined` or as it is."""
+    def solve(self, asked: Motion, coarser: float = 1.0) -> TipGrid:
+        """Return the motion on a grid `refined`, or so many times coarser than usual."""
         duration = asked.duration
-        usual = min(duration / nodes, LONGEST_STEP)
-        step = self.options.step or usual
+        usual = min(duration / NODES, LONGEST_STEP)
+        step = self.options.step or coarser * usual
         step = duration / max(FEWEST, math.ceil(duration / step - 1e-9))
         some: Array = np.linspace(0.0, duration, 9)
         rough = self.problem(asked, some, 1.0)
@@ -125,7 +125,7 @@ class TipGrids:
         guess = _guess(problem, ends, np.clip(times / duration, 0.0, 1.0))
         solved = solve_motion(problem, guess, step, _size(problem), self.report)
         grid = TipGrid(problem, solved, times, ends)
-        return self.refined(grid, asked) if refine else grid
+        return self.refined(grid, asked) if coarser == 1.0 else grid
 
     def refined(self, grid: TipGrid, asked: Motion) -> TipGrid:
         """Return the motion on a grid that is halved where the equations do not hold between."""

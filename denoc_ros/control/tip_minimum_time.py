@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,11 +18,14 @@ from denoc_ros.control.limit_rows import TIPS, LimitRows, Moments
 from denoc_ros.control.minimum_time import (
     EXCESS,
     NEAR,
+    ROUNDS,
     STEADY,
     WITHIN,
+    Found,
     Objective,
     PathDuration,
     excess,
+    shortest,
     shortest_plan,
 )
 from denoc_ros.control.plan import Plan
@@ -33,7 +37,7 @@ from denoc_ros.control.tip_solver import CancelledError, sensitivity
 from denoc_ros.errors import SolverError, StateError
 from denoc_ros.types import Array
 
-NODES = 300  # of a motion while its timing is looked for
+COARSER = 2.0  # times the usual step, while a timing is looked for
 SHARPEST = 4.0  # times their median: coefficients of a timing, so that it begins smoothly
 BEGINNINGS = 5  # motions, each slower, until one keeps the limits
 PIECES = 14  # of the splines of a timing
@@ -135,7 +139,7 @@ class TipMinimumTime:
         require_in_time(timing, self._asked, self._grids.options)
         asked = RetimedMotion(self._asked, timing)
         if near is None:
-            grid = self._grids.solve(asked, NODES, refine=False)
+            grid = self._grids.solve(asked, COARSER)
             require_rest(self.names, self._rows.values(at_rest(grid), 1.0))
             self._longest = -float(grid.nodes[0]), float(grid.nodes[-1]) - timing.duration
             self._error = grid.tip_error
@@ -178,6 +182,31 @@ class TipMinimumTime:
             near = None if found is None else (found, slower - coefficients)
             coefficients = slower
         return coefficients
+
+    def search(
+        self,
+        _problem: object,
+        start: Array,
+        report: Callable[[float], object],
+        stopped: Callable[[], bool],
+        rounds: int = ROUNDS,
+    ) -> Found[TimedTip]:
+        """Return the shortest motion (:func:`shortest`) on a grid as fine as its equations need.
+
+        Where it is beyond the limits there, the search goes on.
+        """
+        found = shortest(self, start, report, stopped, rounds)
+        fine = self._refined(found.solution)
+        if excess(fine) > NEAR:
+            with suppress(SolverError):
+                return shortest(self, fine.coefficients, report, stopped, rounds)
+        return replace(found, solution=fine)
+
+    def _refined(self, found: TimedTip) -> TimedTip:
+        """Return a motion on a grid as fine as its equations need."""
+        grid = self._grids.refined(found.grid, found.asked)
+        self._known = found if grid is found.grid else self._timed(found.timing, found.asked, grid)
+        return self._known
 
     def _narrowed(self, timing: Timing, times: Array) -> Array:
         return self._rows.narrowed(timing.stations_at(times) / self._basis.stations[-1])
@@ -263,8 +292,8 @@ class TipMinimumTime:
 
     def plan(self, found: TimedTip) -> Plan:
         """Return the plan of a motion, on a grid as fine as its equations need."""
-        self._known = found
-        plan = self._grids.plan(self._grids.refined(found.grid, found.asked), found.asked)
+        found = self._refined(found)
+        plan = self._grids.plan(found.grid, found.asked)
         passed = found.timing.stations_at(plan.t)
         return replace(plan, stretch=found.duration / self._basis.stations[-1], passed=passed)
 
@@ -487,4 +516,4 @@ def fastest(grids: TipGrids, asked: AskedMotion, rows: LimitRows) -> Plan:
     if options.near is not None and options.near.passed is not None:
         first = bent.start(options.near)
     first = bent.begin(first)
-    return shortest_plan(bent, first, rows, options.progress, options.cancel)
+    return shortest_plan(bent, first, rows, options.progress, options.cancel, bent.search)

@@ -93,14 +93,13 @@ class LoopForces:
 
 @dataclass(frozen=True)
 class Equations:
-    """Equations (k, p) of a motion with their derivatives (k, p, n) and (k, p, m).
+    """Derivatives (k, p, n) and (k, p, m) of the equations (k, p) of a motion.
 
     First the forces on the coordinates without an actuator, over a stiffness [m, rad]; then the
     closure errors of loops and mimic joints [m, rad]. Zero in a motion that the driven joints can
     make. A floating base has a :class:`Momentum` instead.
     """
 
-    value: Array
     by_q: Array
     by_qd: Array
     by_qdd: Array
@@ -109,12 +108,11 @@ class Equations:
 
 @dataclass(frozen=True)
 class Momentum:
-    """Momentum (k, 6) of a robot whose base floats, with its derivatives (k, 6, n) by q and q'.
+    """Derivatives (k, 6, n) by q and q' of the momentum (k, 6) of a robot whose base floats.
 
     Over the base's inertia, times the time of the motion [m, rad]: how far the base drifts.
     """
 
-    value: Array
     by_q: Array
     by_qd: Array
 
@@ -177,20 +175,19 @@ class TipProblem:
         return other
 
     def equations(self, q: Array, qd: Array, qdd: Array, multipliers: Array) -> Equations:
-        """Return the equations of a motion (k, n) with multipliers (k, m) and all derivatives."""
+        """Return the derivatives of the equations of a motion (k, n) with multipliers (k, m)."""
         by_q, by_qd, by_qdd = self.robot.inverse_dynamics_derivatives(q, qd, qdd)
         rows, scale = self.undriven, 1.0 / self._own_stiffness[:, None]
         by_q, by_qd, by_qdd = (part[:, rows] * scale for part in (by_q, by_qd, by_qdd))
         if not self.loops.count:
             none = np.zeros((len(q), len(rows), 0))
-            return Equations(self.residual(q, qd, qdd, multipliers), by_q, by_qd, by_qdd, none)
+            return Equations(by_q, by_qd, by_qdd, none)
         jacobian = self.loops.jacobian(q)
         change, rate_change = self.loops.force_derivative(q, qd, self.stiffness * multipliers)
         none = np.zeros_like(jacobian)
         share = self.stiffness * scale * jacobian[:, :, rows].transpose(0, 2, 1)
         closed = np.zeros((len(q), self.loops.count, self.loops.count))
         return Equations(
-            self.residual(q, qd, qdd, multipliers),
             np.concatenate([by_q - change[:, rows] * scale, jacobian], axis=1),
             np.concatenate([by_qd - rate_change[:, rows] * scale, none], axis=1),
             np.concatenate([by_qdd, none], axis=1),
@@ -198,7 +195,7 @@ class TipProblem:
         )
 
     def residual(self, q: Array, qd: Array, qdd: Array, multipliers: Array) -> Array:
-        """Return the equations' values (k, p) alone."""
+        """Return the equations' values (k, p)."""
         force = self.robot.inverse_dynamics(q, qd, qdd)
         if not self.loops.count:
             return np.asarray(force[:, self.undriven] / self._own_stiffness)
@@ -207,17 +204,16 @@ class TipProblem:
         return np.concatenate(parts, axis=1)
 
     def momentum(self, q: Array, qd: Array) -> Momentum:
-        """Return the momentum of a motion (k, n) and its derivatives; none without such a base."""
+        """Return the derivatives of a motion's momentum; none without such a base."""
         if not len(self.base):
             none = np.zeros((len(q), 0, self.robot.n))
-            return Momentum(none[:, :, 0], none, none)
+            return Momentum(none, none)
         rest = np.zeros_like(q)
         by_q, _, by_qd = self.robot.inverse_dynamics_derivatives(q, rest, qd)
-        by_q, by_qd = (part[:, self.base] * self._drift for part in (by_q, by_qd))
-        return Momentum(self.drift(q, qd), by_q, by_qd)
+        return Momentum(*(part[:, self.base] * self._drift for part in (by_q, by_qd)))
 
     def drift(self, q: Array, qd: Array) -> Array:
-        """Return the momentum's value (k, 6) alone; (k, 0) without a floating base.
+        """Return the momentum (k, 6); (k, 0) without a floating base.
 
         Notes
         -----

@@ -20,6 +20,7 @@ EASED = (30.0, 10.0, 3.0)  # times the draw to the asked joints
 HALVINGS = 6
 SETTLED = 1e-9  # of the robot's size: equations left, and the next change of errors
 STILL = 1e-11  # rad, m: a last change of all coordinates
+ALIKE = 1e-3  # rad, m: change of the coordinates after which another matrix is made
 HOLD = 3e-3  # of the robot's size: Levenberg's term where steps go to and fro
 BACK = 0.25  # of the step before: a step back by more goes to and fro
 GAIN = 1e-3  # share of the errors that a further step must take off where they cannot vanish
@@ -62,17 +63,21 @@ class BlockBand:
         along = (size * self._rows * stride, stride, (self._rows - 1) * stride)
         return as_strided(start, (self._count - abs(offset), rows, columns), along)
 
-    def solve(self, right: Array) -> Array | None:
-        """Return x (count, size) of matrix x = right, or None where the matrix is singular.
+    def factor(self) -> bool:
+        """Put the matrix's factors in its place; False where it is singular."""
+        self._factors, self._pivots, info = lapack.dgbtrf(
+            self._band.T, self._width, self._width, overwrite_ab=1
+        )
+        return bool(info == 0)
 
-        Several right sides (count, size, m) are solved together. The matrix is lost: its factors
-        take its place.
+    def solve(self, right: Array) -> Array:
+        """Return x (count, size) of matrix x = right, of a matrix that is factored.
+
+        Several right sides (count, size, m) are solved together.
         """
         columns = right.reshape(self._count * self._size, *right.shape[2:])
-        _, _, x, info = lapack.dgbsv(
-            self._width, self._width, self._band.T, columns, overwrite_ab=1
-        )
-        return None if info else np.asarray(x).reshape(right.shape)
+        x, _ = lapack.dgbtrs(self._factors, self._width, self._width, columns, self._pivots)
+        return np.asarray(x).reshape(right.shape)
 
 
 def add_equations(equations: Equations, band: BlockBand, step: float, end: Int) -> None:
@@ -232,10 +237,20 @@ def settle(
     motion = differences(q, step)
     value, errors = _values(problem, q, motion, multipliers, step)
     hold, last, way = 0.0, np.inf, np.zeros_like(q)
+    matrix: BlockBand | None = None
     for iteration in range(ITERATIONS):
         report(iteration, float(np.abs(value).max(initial=0.0)))
+        jacobian, fresh = problem.error_derivatives(q, errors), matrix is None
         try:
-            changes = _newton(problem, (q, *motion, multipliers), errors, step, hold)
+            if matrix is None:
+                rows = (
+                    problem.equations(q, *motion, multipliers),
+                    problem.momentum(*halfway(q, step)),
+                )
+                matrix, since = _matrix(problem, jacobian, rows, step, hold), 0.0
+            changes = None
+            if matrix is not None:
+                changes = _changes(problem, matrix, (q, value, errors), jacobian)
         except StateError as error:
             raise _diverged(problem, iteration, str(error)) from error
         if changes is None:
@@ -266,7 +281,11 @@ def settle(
             return Solved(q, multipliers, worst, iteration + 1)
         back = float(np.sum(way * changes[0])) < -BACK * float(np.sum(way**2))
         way = changes[0]
-        if iteration > 1 and (halving or back or moved > 0.5 * last):
+        slow = iteration > 1 and (halving > 0 or back or moved > 0.5 * last)
+        since += max(float(np.abs(change).max(initial=0.0)) for change in changes)
+        if slow or hold > 0.0 or since > ALIKE:
+            matrix = None
+        if slow and fresh:
             hold = min(max(2.0 * hold, HOLD * size), size)
         elif moved < 0.1 * last:
             hold *= 0.25
@@ -312,32 +331,30 @@ def _better(value: Array, errors: Array, old: Array, old_errors: Array, floor: f
     return good or bool(np.linalg.norm(errors) < np.linalg.norm(old_errors))
 
 
-def _newton(
-    problem: TipProblem,
-    motion: tuple[Array, Array, Array, Array],
-    errors: Array,
-    step: float,
-    hold: float,
+def _changes(
+    problem: TipProblem, matrix: BlockBand, at: tuple[Array, Array, Array], jacobian: Array
 ) -> tuple[Array, Array] | None:
-    """Return the changes (k, n) and (k, m) of one Gauss-Newton step, or None where there is none.
+    """Return the changes (k, n) and (k, m) of one Gauss-Newton step, or None if not finite.
 
-    `hold` [m per rad or m] weighs the driven joints' change (Levenberg's term).
+    `at` has coordinates, equations' values and errors, `jacobian` the errors' derivatives.
     """
-    q, n = motion[0], motion[0].shape[1]
-    equations, momentum = problem.equations(*motion), problem.momentum(*halfway(q, step))
-    m, p = equations.by_multipliers.shape[2], equations.value.shape[1]
-    jacobian = problem.error_derivatives(q, errors)
-    band = _matrix(problem, jacobian, (equations, momentum), step, hold)
-    right = np.zeros((len(q), n + m + p + momentum.value.shape[1]))
+    q, value, errors = at
+    (k, n), m, six = q.shape, problem.loops.count, len(problem.base)
+    equations = n + m + len(problem.undriven) + m
+    right = np.zeros((k, equations + six))
     right[:, :n] = -np.einsum('kij,ki->kj', jacobian, errors)
     _add_pull(problem, -(q - problem.asked)[:, problem.driven], right)
     _fix_ends(problem, right)
-    right[:, n + m : n + m + p] = -equations.value
-    right[:-1, n + m + p :] = -momentum.value
-    solution = band.solve(right)
-    if solution is None or not np.isfinite(solution).all():
-        return None
-    return solution[:, :n], solution[:, n : n + m]
+    residual, drift = np.split(value, [len(value) - (k - 1) * six])
+    right[:, n + m : equations] = -residual.reshape(k, -1)
+    right[:-1, equations:] = -drift.reshape(k - 1, six)
+    return _finite(matrix.solve(right), n, m)
+
+
+def _finite(solution: Array, n: int, m: int) -> tuple[Array, Array] | None:
+    """Return the changes of coordinates and multipliers in a solution, or None if not finite."""
+    good = np.isfinite(solution).all()
+    return (solution[:, :n], solution[:, n : n + m]) if good else None
 
 
 def sensitivity(
@@ -376,11 +393,13 @@ def sensitivity(
     q, n = solved.q, solved.q.shape[1]
     motion, between = (q, *differences(q, step), solved.multipliers), halfway(q, step)
     equations, momentum = problem.equations(*motion), problem.momentum(*between)
-    m, p = equations.by_multipliers.shape[2], equations.value.shape[1]
+    _, p, m = equations.by_multipliers.shape
     jacobian = problem.error_derivatives(q, problem.errors(q))
-    band = _matrix(problem, jacobian, (equations, momentum), step, 0.0)
+    matrix = _matrix(problem, jacobian, (equations, momentum), step, 0.0)
+    if matrix is None:
+        return None
     moved, longer = by
-    right = np.zeros((len(q), n + m + p + momentum.value.shape[1], moved.shape[1]))
+    right = np.zeros((len(q), n + m + p + momentum.by_q.shape[1], moved.shape[1]))
     twists, asked = path
     right[:, :n] = np.einsum('kij,ki->kj', jacobian, twists)[:, :, None] * moved[:, None]
     _add_pull(problem, asked[:, problem.driven, None] * moved[:, None], right)
@@ -390,10 +409,7 @@ def sensitivity(
     right[:, n + m : n + m + p] = slower[:, :, None] * longer
     slower = np.einsum('kij,kj->ki', momentum.by_qd, between[1])
     right[:-1, n + m + p :] = slower[:, :, None] * longer
-    solution = band.solve(right)
-    if solution is None or not np.isfinite(solution).all():
-        return None
-    return solution[:, :n], solution[:, n : n + m]
+    return _finite(matrix.solve(right), n, m)
 
 
 def _matrix(
@@ -402,12 +418,16 @@ def _matrix(
     rows: tuple[Equations, Momentum],
     step: float,
     hold: float,
-) -> BlockBand:
-    """Return the matrix of a Gauss-Newton step: the costs' Hessian and the equations."""
+) -> BlockBand | None:
+    """Return the matrix of a Gauss-Newton step, factored; None if it is singular.
+
+    It has the costs' Hessian and the equations; `hold` [m per rad or m] weighs the driven joints'
+    change (Levenberg's term).
+    """
     equations, momentum = rows
     k, p, n = equations.by_q.shape
     m = equations.by_multipliers.shape[2]
-    band = BlockBand(k, n + m + p + momentum.value.shape[1], REACH)
+    band = BlockBand(k, n + m + p + momentum.by_q.shape[1], REACH)
     hessian = jacobian.transpose(0, 2, 1) @ jacobian
     hessian[:, problem.driven, problem.driven] += problem.draw**2 + hold**2
     _add_smoothness(problem, band, hessian)
@@ -418,7 +438,7 @@ def _matrix(
     band.blocks(0, 0, 0, n, n)[...] += hessian
     add_equations(equations, band, step, problem.end)
     add_momentum(momentum, band, step, problem.end, n + m + p)
-    return band
+    return band if band.factor() else None
 
 
 def _fix_ends(problem: TipProblem, right: Array) -> None:

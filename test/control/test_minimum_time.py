@@ -59,6 +59,16 @@ def test_a_flexible_arm_is_a_fifth_faster_than_stretched_as_a_whole(
     assert np.abs(plan.qd[[0, -1]]).max() < 1e-15
 
 
+@pytest.mark.parametrize('step', [0.008, 0.02])
+def test_the_least_time_does_not_depend_on_the_grid(
+    canadarm: dn.Robot, plan: dn.Plan, step: float
+) -> None:
+    other = dn.shape_motion(
+        canadarm, TIMES, CANADARM(TIMES), effort=EFFORT, time='minimum', step=step
+    )
+    assert other.stretch == pytest.approx(plan.stretch, rel=1e-3)
+
+
 def test_torques_of_all_ticks_keep_the_limits_and_leave_the_arm_at_rest(
     canadarm: dn.Robot, plan: dn.Plan
 ) -> None:

@@ -1,0 +1,64 @@
+"""Least times along a path against IPOPT's: `python -m bench.path_by_ipopt [NAME ...]`.
+
+Both have the same model, path of the tip, torque limits and further limits, and the same time
+before and after in which the joints move while the tip stands. The peer's torques are free at its
+points, and its tip within a tolerance about the path.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+
+import numpy as np
+from bench.rest_by_ipopt import EFFORT, EI, MESHES, TWO, WAY, arm_of
+from control_runs import cycloid
+from path_by_ipopt import PathBeams
+from scipy.interpolate import make_interp_spline
+
+import denoc_ros as dn
+
+CURVATURES = {'path': np.inf, 'path_strain': 0.06}
+TOLERANCE = 1e-4  # m, of the peer's tip
+TIMES = np.linspace(0.0, 1.0, 201)
+
+
+def compare(name: str) -> None:
+    """Print the least times of a problem, and the ratio."""
+    robot, curvature = arm_of(TWO), CURVATURES[name]
+    efforts = dict(zip(robot.joint_names, EFFORT, strict=True))
+    moment = None if np.isinf(curvature) else EI * curvature
+    began = time.process_time()
+    plan = dn.shape_motion(
+        robot,
+        TIMES,
+        cycloid(WAY[0], WAY[1], 1.0)(TIMES),
+        time='minimum',
+        turn=0.0,
+        effort=efforts,
+        moment=moment,
+    )
+    took = time.process_time() - began
+    assert plan.limits is not None
+    print(
+        f'{name}: {plan.stretch:.5f} s, {plan.preaction:.3f} s before, {plan.postaction:.3f} s '
+        f'after, largest share {max(plan.limits.largest.values()):.4f}, tip '
+        f'{1e3 * plan.tip_error.max():.4f} mm, processor time {took:.1f} s',
+        flush=True,
+    )
+    assert plan.passed is not None
+    share = cycloid(np.zeros(1), np.ones(1), 1.0)(plan.passed)
+    known = make_interp_spline(plan.t, np.concatenate([plan.q, share], axis=1), k=3)
+    windows = plan.preaction, plan.postaction
+    problem = PathBeams(
+        TWO, WAY[0], WAY[1], EFFORT, 2 * TWO.links, curvature, windows=windows, tolerance=TOLERANCE
+    )
+    for mesh in MESHES:
+        least = problem.along(known, plan.stretch, mesh)
+        over = 100.0 * (plan.stretch / least - 1.0)
+        print(f'{name}: IPOPT, {mesh} intervals: {least:.5f} s; {over:+.2f} %', flush=True)
+
+
+if __name__ == '__main__':
+    for each in sys.argv[1:] or CURVATURES:
+        compare(each)
