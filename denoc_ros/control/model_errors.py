@@ -261,7 +261,7 @@ class ErrorEstimate:
         self.seen: Array = np.zeros((size, count))
         self._covariance: Array = LIKELY**2 * np.eye(count)
         self._quiet = self._looked = -np.inf
-        # at rest errors show no more: what is seen then is noise
+        # at rest errors do not show: what is seen before the motion and long after it is noise
         self._end = (len(self._errors.states) - 1) * self._errors.step
         # changes of the plan's deviations and torque by the errors used, at the time looked at
         self._state = np.zeros(self._errors.states.shape[1])
@@ -376,7 +376,7 @@ class ErrorEstimate:
             Of the plan [s]; None: nothing is to be learned of the errors.
         """
         history, checked = self.expected, len(self.faulty) > 0
-        learns = time is not None and self._quiet <= time <= self._end
+        learns = time is not None and max(self._quiet, 0.0) <= time <= self._end
         far = self._correct(
             gains.measured, gains.surprise, gains.spread, gains.learner, innovation, at,
             self.heard, good, CLIP, CHECKED_GATE if checked else GATE, LARGEST, learns,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -184,6 +185,21 @@ def test_pauses_while_errors_are_learned_blame_no_sensor_and_cost_little() -> No
         assert (
             np.sqrt(np.mean(outcome.error**2)) < most
         )  # where nothing was learned 16, where a gauge was blamed 58 mm
+
+
+def test_robot_that_waits_for_its_motion_teaches_no_errors() -> None:
+    planned, schedule = quick()
+    rows = planned.q, planned.qd, planned.qdd, planned.torque
+    wait = 2.0  # s
+    count = round(wait / PERIOD)
+    q, qd, qdd, torque = (np.concatenate([np.tile(of[:1], (count, 1)), of]) for of in rows)
+    waiting = replace(planned, q=q, qd=qd, qdd=qdd, torque=torque)
+    feedback = StateFeedback(planned.robot, schedule, start=wait)
+    Loop(waiting, canadarm(0.9, 1.2, described(segments=8)), feedback).run(wait)
+    assert feedback.share == 1.0
+    errors = feedback.filter.errors
+    assert errors is not None
+    assert not errors.values.any()
 
 
 def test_softer_beams_with_less_load_do_not_ring_by_what_is_learned() -> None:
