@@ -20,6 +20,7 @@ EASED = (30.0, 10.0, 3.0)  # times the draw to the asked joints
 HALVINGS = 6
 SETTLED = 1e-9  # of the robot's size: equations left, and the next change of errors
 STILL = 1e-11  # rad, m: a last change of all coordinates
+QUICK = 0.1  # of the change before: steps that get so much shorter settle
 ALIKE = 1e-3  # rad, m: change of the coordinates after which another matrix is made
 HOLD = 3e-3  # of the robot's size: Levenberg's term where steps go to and fro
 BACK = 0.25  # of the step before: a step back by more goes to and fro
@@ -283,7 +284,7 @@ def settle(
         way = changes[0]
         slow = iteration > 1 and (halving > 0 or back or moved > 0.5 * last)
         since += max(float(np.abs(change).max(initial=0.0)) for change in changes)
-        if slow or hold > 0.0 or since > ALIKE:
+        if not moved < QUICK * last or hold > 0.0 or since > ALIKE:
             matrix = None
         if slow and fresh:
             hold = min(max(2.0 * hold, HOLD * size), size)
