@@ -148,7 +148,8 @@ class Session:
     def _rehearse(self) -> None:
         """Choose the session's time by the cost of its dearest motion.
 
-        The nodes run on where they run as they shall, else they are started anew. Either way
+        The nodes run on where they run as they shall in the first phase, else they are started
+        anew. Either way
         nothing of the rehearsal is left, neither in the bag nor of its motion.
         """
         phase = self._dearest()
@@ -164,7 +165,7 @@ class Session:
             nodes[name] = {**nodes.get(name, {}), 'update_rate': choice.rates[name]}
         self._config = replace(self._config, time=choice.mode, nodes=nodes)
         self._rehearses = False
-        if choice.mode == REAL and not faster:
+        if choice.mode == REAL and not faster and phase is self._config.phases[0]:
             self._return_to_start()
             return
         with self._progress.step('ending the rehearsal'):
