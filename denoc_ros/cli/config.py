@@ -105,6 +105,11 @@ class SessionConfig:
     plant_model: Parameters  # overrides of the model that are true of the plant only
     phases: tuple[Phase, ...]  # at least one
 
+    def has_state_feedback(self, phase: Phase) -> bool:
+        """Say whether the feedforward has state feedback in a phase."""
+        given = {**self.nodes.get('feedforward', {}), **phase.nodes.get('feedforward', {})}
+        return bool(given.get('feedback.state', 'off') != 'off')
+
 
 def load_config(path: str | os.PathLike[str], settings: Sequence[str] = ()) -> SessionConfig:
     """Read and check a configuration.

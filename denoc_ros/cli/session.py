@@ -149,8 +149,7 @@ class Session:
         """Choose the session's time by the cost of its dearest motion.
 
         The nodes run on where they run as they shall in the first phase, else they are started
-        anew. Either way
-        nothing of the rehearsal is left, neither in the bag nor of its motion.
+        anew. Either way nothing of the rehearsal is left, neither in the bag nor of its motion.
         """
         phase = self._dearest()
         with self._progress.step('rehearsing', REHEARSING + SHAPING + self._engaging(phase)):
@@ -204,11 +203,8 @@ class Session:
 
     def _dearest(self) -> Phase:
         """Return the first phase with state feedback, the first of all if there is none."""
-        for phase in self._config.phases:
-            wanted = self._wanted(FEEDFORWARD, phase) if FEEDFORWARD in self._names else {}
-            if wanted.get('feedback.state', 'off') != 'off':
-                return phase
-        return self._config.phases[0]
+        config = self._config
+        return next(filter(config.has_state_feedback, config.phases), config.phases[0])
 
     def _rehearsal(self, phase: Phase) -> Rehearsal:
         """Run a phase's motion for a while in real time, and measure."""
@@ -482,8 +478,7 @@ class Session:
 
     def _engaging(self, phase: Phase) -> float:
         """How long the feedforward needs before a motion until its feedback acts [s]."""
-        state = self._wanted('feedforward', phase).get('feedback.state', 'off')
-        return 0.0 if state == 'off' else ENGAGING
+        return ENGAGING if self._config.has_state_feedback(phase) else 0.0
 
     def _listeners(self) -> list[str]:
         """Return the nodes that must not miss a reference, or the motion it is made of."""

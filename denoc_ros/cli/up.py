@@ -205,11 +205,7 @@ def _compile(config: SessionConfig, progress: Progress, watch: Callable[[], None
     """Compile the kernels that the session needs, if some are not in the cache."""
     loops = bool(config.joints)
     plans = any(phase.shape for phase in config.phases) or 'shaper' not in config.without
-    parameters = config.nodes, *(phase.nodes for phase in config.phases)
-    feedback = any(
-        each.get('feedforward', {}).get('feedback.state', 'off') != 'off' for each in parameters
-    )
-    wanted = kernels(loops, plans, feedback)
+    wanted = kernels(loops, plans, any(map(config.has_state_feedback, config.phases)))
     if expected := estimate(wanted):
         what = 'compiling the kernels in two processes, once per version and user'
         with progress.step(what, expected):

@@ -28,6 +28,20 @@ nodes:
   feedforward: {update_rate: 250}
   predictor: false
 """
+# with the parameters of the second phase, the first one's would be refused
+FED = """
+robot: robots/canadarm_gauges.urdf
+gravity: [0, 0, 0]
+reference: {kind: points, times: [0, 0.8], positions: [[0.17, 0.7, 0.52], [0.2, 0.72, 0.54]]}
+duration: 1
+nodes:
+  plant: {update_rate: 250}
+  feedforward: {update_rate: 250}
+  predictor: false
+phases:
+  - {name: plain, feedforward: {model: rigid}}
+  - {name: fed, feedforward: {model: flexible, feedback: {state: lqr}}}
+"""
 # whatever the machine holds beside other tests
 COMMAND = """
 import sys
@@ -42,10 +56,10 @@ STILL = 5e-3
 BEGINNING, BEFORE = 20, 50  # rows: of the bag, and of what comes before the reference
 
 
-def recorded(folder: Path, mode: str) -> dict[str, list[Any]]:
+def recorded(folder: Path, mode: str, session: str = SESSION) -> dict[str, list[Any]]:
     """Run the session; return its messages by topic."""
     file, run = folder / f'{mode}.yaml', folder / mode
-    file.write_text(SESSION)
+    file.write_text(session)
     with domain() as environment:
         done = subprocess.run(
             [sys.executable, '-c', COMMAND, 'up', str(file), '--time', mode, '--output', str(run)],
@@ -79,6 +93,11 @@ def test_bags_begin_alike_with_and_without_a_rehearsal(tmp_path: Path) -> None:
                 assert np.abs(part[:, 0] - rest).max(initial=0.0) < STILL
                 assert np.abs(part[:, 1]).max(initial=0.0) < 10.0 * STILL
         assert [each.message.data for each in found['/up/phase']] == ['run', '']
+
+
+def test_another_phase_than_the_first_may_be_rehearsed(tmp_path: Path) -> None:
+    found = recorded(tmp_path, 'auto', FED)
+    assert [each.message.data for each in found['/up/phase']] == ['plain', '', 'fed', '']
 
 
 def column(found: dict[str, list[Any]], topic: str, end_ns: int) -> Array:
