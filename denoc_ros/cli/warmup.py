@@ -17,16 +17,15 @@ from typing import Any
 from denoc_ros import kernels as package
 from denoc_ros.cli.arguments import add_option
 from denoc_ros.cli.progress import Progress
+from denoc_ros.control.state_feedback import FEEDBACK_KERNELS
 from denoc_ros.dynamics.robot_model import CONSTRAINT_KERNELS, KERNELS
 from denoc_ros.dynamics.stepper import DRIVEN_KERNELS
 from denoc_ros.errors import DenocError
 from denoc_ros.kernels import (
-    deviation_filter,
     inverse,
     inverse_derivatives,
     kalman,
     message_values,
-    state_feedback,
     world,
 )
 from denoc_ros.kernels.cache import cache_folder, is_kept
@@ -80,8 +79,7 @@ def kernels(loops: bool, plans: bool, feedback: bool = False) -> list[Any]:
             inverse_derivatives.inverse_dynamics_derivatives_rows,
         ]
     if feedback:
-        of_feedback = deviation_filter.__name__, state_feedback.__name__
-        found += [each for each in DECLARED if each.py_func.__module__ in of_feedback]
+        found += FEEDBACK_KERNELS
     return _heavy_at_both_ends(found)
 
 

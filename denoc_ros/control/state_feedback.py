@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 
-from denoc_ros.control.deviation_filter import DeviationFilter
+from denoc_ros.control.deviation_filter import FILTER_KERNELS, DeviationFilter
 from denoc_ros.control.feedback_design import PostureGains
 from denoc_ros.control.gain_schedule import GainSchedule
+from denoc_ros.control.model_errors import ERROR_KERNELS
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.kernels.compiled import entry
 from denoc_ros.kernels.state_feedback import feedback_torques, govern
 from denoc_ros.types import Array
 
 TORQUE_KERNELS = (feedback_torques, govern)
+FEEDBACK_KERNELS = (*FILTER_KERNELS, *ERROR_KERNELS, *TORQUE_KERNELS)
 RAMP = 0.5  # s in which feedback comes in
 FADE = 0.05  # s in which the last torque of a feedback goes that may no longer act
 # rad, m that the feedback of all deviations may push the joints from the plan against their own

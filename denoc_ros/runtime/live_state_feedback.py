@@ -9,14 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from denoc_ros.control.deviation_filter import FILTER_KERNELS
 from denoc_ros.control.feedback_settings import FeedbackSettings
 from denoc_ros.control.gain_jobs import CHANGED
 from denoc_ros.control.gain_schedule import require_sensors
-from denoc_ros.control.model_errors import ERROR_KERNELS
 from denoc_ros.control.planned_states import Row
 from denoc_ros.control.read_values import unread_values
-from denoc_ros.control.state_feedback import RAMP, TORQUE_KERNELS, StateFeedback
+from denoc_ros.control.state_feedback import FEEDBACK_KERNELS, RAMP, StateFeedback
 from denoc_ros.dynamics.floating_base import require_known_base
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import ConfigError, StateError
@@ -95,7 +93,7 @@ class LiveStateFeedback:
                 self._worker.close()
             return
         self._require(settings)
-        ready(*FILTER_KERNELS, *ERROR_KERNELS, *TORQUE_KERNELS)
+        ready(*FEEDBACK_KERNELS)
         index = [robot.joint_indices[robot.joint_names.index(joint)] for joint in joints]
         period = 1.0 / settings.number('update_rate')
         wanted = FEEDBACK.read(
