@@ -56,8 +56,8 @@ FAR, NARROW = 1.0, 0.01  # share beyond limits where no search ends, and the lea
 POWER, POWERS = 2.0, (0.5, 4.0)  # of the duration with which the share that is needed falls
 APART, BESIDE = 0.01, 0.04  # shares of a duration: two say with which power, or are one problem
 LEAP = 1.6  # times a duration that the next one is, at most
-BESIDES = 0.1
 RADIUS, NEARER = 1.0, 0.5  # of programs, and what shrinks it
+RADIUS_OF_TIGHTER = 0.1  # where a motion is known that keeps nearly the same limits
 FASTER, SLOWER = 0.2, 0.6  # shares to which an excess falls where it grows, or else shrinks
 LESS, BOLD = 0.996, 0.3  # share of the limits that saves time, and excess at which it grows
 CLOSE, ROUGH = (3e-4, NEAR), (1e-2, 0.05)  # where a search ends: steps in time, shares beyond
@@ -455,7 +455,7 @@ def tightened(
     _rounds: int,
 ) -> Found[TimedRest]:
     """Return a motion that keeps narrower limits in little more than the duration of another."""
-    return quickest(problem, start, progress, stopped, 0, radius=BESIDES)
+    return quickest(problem, start, progress, stopped, 0, radius=RADIUS_OF_TIGHTER)
 
 
 def rest_to_rest(

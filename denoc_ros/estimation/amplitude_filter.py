@@ -33,7 +33,7 @@ LARGEST = 0.5  # share of an elastic force
 
 
 @dataclass
-class Reading:
+class MeasurementModel:
     """How sensors on beams read a state x = [d; d'; f]; all but the numbers change in place.
 
     Attributes
@@ -257,8 +257,8 @@ class AmplitudeFilter:
         )  # fmt: skip
 
     def correct_readings(
-        self, places: NDArray[np.intp], values: Array, reading: Reading, lag: float, gate: float,
-        state: Array,
+        self, places: NDArray[np.intp], values: Array, reading: MeasurementModel, lag: float,
+        gate: float, state: Array,
     ) -> tuple[Array, Array]:  # fmt: skip
         """Take readings of sensors on beams of one time in; correct the state (s,) in place.
 
@@ -267,7 +267,7 @@ class AmplitudeFilter:
         places : (k,) int array
             Of the sensors.
         values : (k,) array
-        reading : Reading
+        reading : MeasurementModel
             How the sensors read the state.
         lag : float
             By how much the covariance is of later than the readings [s]; 0: it is of then.

@@ -15,7 +15,7 @@ from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.state_history import StateHistory
 from denoc_ros.dynamics.structure import composed_sensors, sensor_rows
 from denoc_ros.errors import StateError
-from denoc_ros.estimation.amplitude_filter import LARGEST, AmplitudeFilter, Reading
+from denoc_ros.estimation.amplitude_filter import LARGEST, AmplitudeFilter, MeasurementModel
 from denoc_ros.model.sensors import inertial_values
 from denoc_ros.model.tree import Sensor
 from denoc_ros.settings import documented, require_declared, setting
@@ -138,7 +138,7 @@ class StrainFusion:
         self._flexible = robot.flexible_indices
         self._m = m = len(self._flexible)
         self._shift = np.zeros(len(sensors))  # of the values against shapes . amplitudes
-        self._reading = Reading(
+        self._reading = MeasurementModel(
             np.ascontiguousarray(sensor_rows(robot)[:, self._flexible]),
             np.zeros((len(sensors), 3 * m)),
             np.zeros(len(sensors)),

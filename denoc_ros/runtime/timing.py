@@ -37,6 +37,8 @@ HARMLESS = 0.5  # share of full cores below which real-time threads are not look
 CALM = 1.0  # s of that
 SEVERAL = 8  # processes that are looked at without a pause for others
 REALTIME = (os.SCHED_FIFO, os.SCHED_RR)
+LONGEST_WAIT, SHORT = 0.01, 1e-4  # s that others wait for the end of a tick; between two looks
+QUANTILES = (50, 99, 100)  # % that are told of periods and ticks
 WINDOW = 1 << 15  # ticks kept between two readings of the statistics
 # period over its nominal value: finer around 1, open at both ends
 HISTOGRAM_EDGES = np.concatenate(
@@ -263,10 +265,6 @@ class LoopStatistics:
         """Share of deadlines missed by more than half a period since the last reading."""
         deadlines = self.ticks + self.skipped
         return (self.late + self.skipped) / deadlines if deadlines else 0.0
-
-
-LONGEST_WAIT, SHORT = 0.01, 1e-4  # s that others wait for the end of a tick; between two looks
-QUANTILES = (50, 99, 100)  # % that are told of periods and ticks
 
 
 class RealtimeLoop:
