@@ -153,7 +153,7 @@ def test_joints_without_velocity_and_effort_interfaces_are_followed(bench: Any) 
 def test_joints_that_are_not_named_hold_and_a_trajectory_without_points_cancels(
     bench: Any,
 ) -> None:
-    arm = bench()
+    arm = bench(joint_state_timeout=1.0)  # a busy machine feeds it late
     arm.until(lambda: arm.node.joint_input.received)
     arm.follow(point(0.0, [POSTURE[1]]), point(30.0, [1.3]), joints=['j2'])
     arm.until(lambda: arm.effort and arm.cause == 'following')
