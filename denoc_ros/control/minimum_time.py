@@ -291,14 +291,17 @@ def shortest(
             best = here, coefficients
         if settled and excess(here) > NEAR and price < DEAR:
             price, radius, settled = DEAR, START, False
-        elif settled and excess(here) > NEAR and best is None:
+        elif settled and excess(here) > NEAR:
             # no step helps from beyond the limits: go on from a slower motion
-            coefficients = problem.slower(coefficients, 1.0 + max(1.2 * excess(here), 0.05))
+            slower = problem.slower(coefficients, 1.0 + max(1.2 * excess(here), 0.05))
             try:
-                slower = problem.solve(coefficients, None)
+                calmer = problem.solve(slower, None)
             except SolverError as error:
+                if best is not None:
+                    break
                 raise SolverError(f'{_broken(problem, here)}; {error}') from error
-            here, radius, settled = slower, START, False
+            if best is None or calmer.cost < (1.0 - problem.steady) * best[0].cost:
+                here, coefficients, radius, settled = calmer, slower, START, False
         if settled:
             break
     if best is None:

@@ -52,6 +52,20 @@ class Target:
         jacobian[:, 3:] = self.turn * (change @ jacobian[:, 3:])
         return jacobian
 
+    def curvature(self, robot: Robot, q: Array, errors: Array) -> Array:
+        """Return weighed errors (k, 6) times their second derivatives by q, (k, n, n).
+
+        To first order in the turn that is left.
+        """
+        weighed = np.repeat([self.weight, self.weight * self.turn], 3) * errors
+        found = np.empty((len(q), robot.n, robot.n))
+        for j in range(robot.n):
+            along = np.zeros_like(q)
+            along[:, j] = 1.0
+            rate = robot.frame_jacobian_rate(self.frame, q, along)
+            found[:, j] = np.einsum('ki,kin->kn', weighed, rate)
+        return np.asarray(0.5 * (found + found.transpose(0, 2, 1)))
+
 
 def _turn_rate(turn: Array) -> Array:
     """Matrix (k, 3, 3) from angular velocity to the rate of a rotation vector (k, 3).

@@ -108,6 +108,7 @@ class TipGrids:
         self._room = room
         self.report = _reporter(options)
         self._turn: float | None = None
+        self._curved = False  # as the motion before was
 
     def solve(self, asked: Motion, coarser: float = 1.0) -> TipGrid:
         """Return the motion on a grid `refined`, or so many times coarser than usual."""
@@ -124,7 +125,7 @@ class TipGrids:
         problem = self.problem(asked, times, usual / step)
         guess = _guess(problem, ends, np.clip(times / duration, 0.0, 1.0))
         solved = solve_motion(problem, guess, step, _size(problem), self.report)
-        grid = TipGrid(problem, solved, times, ends)
+        grid = self._grid(problem, solved, times, ends)
         return self.refined(grid, asked) if coarser == 1.0 else grid
 
     def refined(self, grid: TipGrid, asked: Motion) -> TipGrid:
@@ -142,7 +143,7 @@ class TipGrids:
                 raise
             except SolverError:
                 break  # what was found on the coarser grid is good, and says what it leaves
-            grid = TipGrid(better, solved, finer, grid.ends)
+            grid = self._grid(better, solved, finer, grid.ends)
         return grid
 
     def _window(
@@ -162,7 +163,13 @@ class TipGrids:
         if guess is None:
             guess = _guess(problem, ends, np.clip(times / asked.duration, 0.0, 1.0))
         solved = settle(problem, guess, step, _size(problem), self.report)
-        return TipGrid(problem, solved, times, ends)
+        return self._grid(problem, solved, times, ends)
+
+    def _grid(
+        self, problem: TipProblem, solved: Solved, nodes: Array, ends: list[Rest]
+    ) -> TipGrid:
+        self._curved = problem.curved
+        return TipGrid(problem, solved, nodes, ends)
 
     def problem(self, asked: Motion, nodes: Array, finer: float) -> TipProblem:
         """Return the problem at the times of nodes (k,).
@@ -199,7 +206,9 @@ class TipGrids:
         draw = share * DRAW * size if options.draw is None else options.draw
         rows = asked.coordinates(nodes)
         smooth = share * SMOOTH * size * finer**2
-        return TipProblem(robot, driven, targets, rows, draw, smooth, asked.duration)
+        made = TipProblem(robot, driven, targets, rows, draw, smooth, asked.duration)
+        made.curved = self._curved
+        return made
 
     def plan(self, grid: TipGrid, asked: Motion) -> Plan:
         """Return the plan of a motion on the grid, on finer times, with its torque and errors."""

@@ -19,6 +19,7 @@ Int = NDArray[np.int64]
 
 
 SMOOTHER = 30.0  # times, where a problem is eased
+UNREACHED = 0.1  # times the squared draw: errors times a lever that matter beside it
 STEP = 1e-7  # of a difference of Jacobians [rad, m]: exact to seven digits, as Newton steps need
 
 
@@ -143,6 +144,9 @@ class TipProblem:
     end : int array
         Coordinates that are unknown at the last node, too: joints and base of a robot that floats.
         Where it ends depends on the way.
+    curved : bool
+        Whether steps take the second derivatives of errors that stay: where the tip cannot be
+        where it is asked, steps without them go to and fro.
     """
 
     def __init__(
@@ -161,6 +165,7 @@ class TipProblem:
         none = np.zeros(0, dtype=np.int64)
         self.end = np.union1d(robot.joint_indices, self.base) if len(self.base) else none
         self.draw, self.smooth = draw, smooth
+        self.curved = False
         self._own_stiffness = self._stiffness(asked[0])
         self.stiffness = float(np.median(self._own_stiffness)) if len(self.undriven) else 1.0
         samples = np.unique(np.linspace(0, len(asked) - 1, 5).astype(int))
@@ -259,6 +264,32 @@ class TipProblem:
         parts = np.split(errors, len(self.targets), axis=1)
         pairs = zip(self.targets, parts, strict=True)
         return np.concatenate([t.derivative(self.robot, q, part) for t, part in pairs], axis=1)
+
+    def unreached(self, errors: Array) -> Int:
+        """Return the nodes of a `curved` problem whose errors (k, 6 targets) matter.
+
+        They do beside the draw; a bent arm does not reach as far as a straight one.
+        """
+        if not self.curved:
+            return np.zeros(0, dtype=np.int64)
+        reach = max(float(np.abs(target.poses[:, :3, 3]).max()) for target in self.targets)
+        return np.flatnonzero(np.abs(errors).max(axis=1) * reach > UNREACHED * self.draw**2)
+
+    def hessian(self, q: Array, errors: Array) -> Array:
+        """Return the Hessian (k, n, n) of half the squared errors, without what is not convex.
+
+        At nodes that are :meth:`unreached` it has the errors' second derivatives.
+        """
+        jacobian = self.error_derivatives(q, errors)
+        found = jacobian.transpose(0, 2, 1) @ jacobian
+        rows = self.unreached(errors)
+        if len(rows):
+            parts = np.split(errors[rows], len(self.targets), axis=1)
+            pairs = zip(self.targets, parts, strict=True)
+            bends = sum(t.curvature(self.robot, q[rows], part) for t, part in pairs)
+            sizes, axes = np.linalg.eigh(bends)
+            found[rows] += (axes * np.maximum(sizes, 0.0)[:, None]) @ axes.transpose(0, 2, 1)
+        return np.asarray(found)
 
     def _stiffness(self, q: Array) -> Array:
         """Return a stiffness (p,) of each undriven coordinate; the largest where it has none."""

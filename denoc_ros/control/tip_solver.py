@@ -218,6 +218,7 @@ def settle(
     Parameters
     ----------
     problem : TipProblem
+        It becomes `curved` where steps go to and fro.
     guess : (k, n) and (k, m) arrays
         Coordinates and multipliers to begin with; the coordinates' first and last row stay: there
         the robot rests. Of a robot that floats, joints and base of the last row are free.
@@ -248,7 +249,8 @@ def settle(
                     problem.equations(q, *motion, multipliers),
                     problem.momentum(*halfway(q, step)),
                 )
-                matrix, since = _matrix(problem, jacobian, rows, step, hold), 0.0
+                hessian = problem.hessian(q, errors)
+                matrix, since = _matrix(problem, hessian, rows, step, hold), 0.0
             changes = None
             if matrix is not None:
                 changes = _changes(problem, matrix, (q, value, errors), jacobian)
@@ -284,9 +286,13 @@ def settle(
         way = changes[0]
         slow = iteration > 1 and (halving > 0 or back or moved > 0.5 * last)
         since += max(float(np.abs(change).max(initial=0.0)) for change in changes)
-        if not moved < QUICK * last or hold > 0.0 or since > ALIKE:
+        # errors that stay weigh the equations' derivatives, which must be those of the solution
+        stale = hold > 0.0 or since > ALIKE or len(problem.unreached(errors)) > 0
+        if not moved < QUICK * last or stale:
             matrix = None
-        if slow and fresh:
+        if slow and fresh and not problem.curved:
+            problem.curved, matrix = True, None
+        elif slow and fresh:
             hold = min(max(2.0 * hold, HOLD * size), size)
         elif moved < 0.1 * last:
             hold *= 0.25
@@ -396,7 +402,8 @@ def sensitivity(
     equations, momentum = problem.equations(*motion), problem.momentum(*between)
     _, p, m = equations.by_multipliers.shape
     jacobian = problem.error_derivatives(q, problem.errors(q))
-    matrix = _matrix(problem, jacobian, (equations, momentum), step, 0.0)
+    hessian = problem.hessian(q, problem.errors(q))
+    matrix = _matrix(problem, hessian, (equations, momentum), step, 0.0)
     if matrix is None:
         return None
     moved, longer = by
@@ -415,7 +422,7 @@ def sensitivity(
 
 def _matrix(
     problem: TipProblem,
-    jacobian: Array,
+    hessian: Array,
     rows: tuple[Equations, Momentum],
     step: float,
     hold: float,
@@ -429,7 +436,6 @@ def _matrix(
     k, p, n = equations.by_q.shape
     m = equations.by_multipliers.shape[2]
     band = BlockBand(k, n + m + p + momentum.by_q.shape[1], REACH)
-    hessian = jacobian.transpose(0, 2, 1) @ jacobian
     hessian[:, problem.driven, problem.driven] += problem.draw**2 + hold**2
     _add_smoothness(problem, band, hessian)
     for node, free in ((0, problem.end[:0]), (-1, problem.end)):

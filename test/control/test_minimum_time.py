@@ -13,11 +13,13 @@ import denoc_ros as dn
 from denoc_ros.cli.shaped_phases import motion_of
 from denoc_ros.control.asked_motion import AskedMotion
 from denoc_ros.control.limit_rows import LimitRows, Moments, motion_limits
+from denoc_ros.control.targets import Target
 from denoc_ros.control.timing import Timing, TimingBasis
 from denoc_ros.control.tip_grid import TipGrids
 from denoc_ros.control.tip_minimum_time import TipMinimumTime
 from denoc_ros.control.tip_options import TipOptions
 from denoc_ros.dynamics.feedforward import TorqueFeedforward
+from denoc_ros.types import Array
 
 TIMES = np.linspace(0.0, 10.0, 201)
 CANADARM = cycloid(np.radians([10.0, 40.0, 30.0]), np.radians([60.0, 45.0, 30.0]), 10.0)
@@ -67,6 +69,48 @@ def test_the_least_time_does_not_depend_on_the_grid(
         canadarm, TIMES, CANADARM(TIMES), effort=EFFORT, time='minimum', step=step
     )
     assert other.stretch == pytest.approx(plan.stretch, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ('options', 'least'),
+    [({}, 0.591), ({'preaction': 0.5, 'postaction': 0.5}, 0.591), ({'moment': 60.0}, 0.690)],
+)
+def test_a_path_from_a_straight_arm_has_one_least_time(
+    options: dict[str, Any], least: float
+) -> None:
+    """A bent arm does not reach as far as a straight one, so that an error stays at its start."""
+    arm = dn.load_robot(ROBOTS / 'two_link_ff.urdf', gravity=(0, 0, 0))
+    arm = arm.with_overrides({f'joint.{name}.armature': 0.5 for name in arm.joint_names})
+    way = cycloid(np.zeros(2), np.full(2, 0.5), 1.0)(0.1 * TIMES)
+    effort = dict(zip(arm.joint_names, (100.0, 40.0), strict=True))
+    plans = [
+        dn.shape_motion(
+            arm, 0.1 * TIMES, way, time='minimum', turn=0.0, effort=effort, step=step, **options
+        )
+        for step in (0.0025, 0.004)
+    ]
+    for plan in plans:
+        assert plan.stretch == pytest.approx(least, rel=7e-3)
+        assert plan.limits is not None
+        assert max(plan.limits.largest.values()) <= 1.001
+
+
+def test_errors_that_stay_have_their_second_derivatives(canadarm: dn.Robot) -> None:
+    random = np.random.default_rng(0)
+    q = 0.2 * random.normal(size=(1, canadarm.n))
+    pose = canadarm.frame_pose('tool', q)
+    pose[:, :3, 3] += 1e-3 * random.normal(size=3)
+    target = Target('tool', pose, 1.5, 0.3)
+
+    def slope(at: Array) -> Array:
+        errors = target.weighed(canadarm, at)
+        return np.asarray(target.derivative(canadarm, at, errors)[0].T @ errors[0])
+
+    ahead = np.array([slope(q + row) - slope(q - row) for row in 1e-5 * np.eye(canadarm.n)])
+    jacobian = target.derivative(canadarm, q, target.weighed(canadarm, q))[0]
+    expected = ahead / 2e-5 - jacobian.T @ jacobian
+    found = target.curvature(canadarm, q, target.weighed(canadarm, q))[0]
+    np.testing.assert_allclose(found, expected, atol=1e-5 * np.abs(expected).max())
 
 
 def test_torques_of_all_ticks_keep_the_limits_and_leave_the_arm_at_rest(

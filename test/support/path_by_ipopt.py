@@ -14,7 +14,9 @@ import numpy as np
 from rest_by_ipopt import OPTIONS, ORDER, RestBeams
 from scipy.interpolate import BSpline
 
-COARSE: dict[str, Any] = {**OPTIONS, 'ipopt': {**OPTIONS['ipopt'], 'tol': 1e-5}}
+# the search begins with a good motion: with the barrier's usual start it does not settle
+NEAR = {'tol': 1e-4, 'acceptable_tol': 1e-3, 'mu_init': 1e-4}
+COARSE: dict[str, Any] = {**OPTIONS, 'ipopt': {**OPTIONS['ipopt'], **NEAR}}
 
 
 @dataclass(frozen=True)
