@@ -132,7 +132,8 @@ class Session:
         self._began, self._cpu_before = time.perf_counter(), self._processes.cpu_seconds()
         for phase in self._config.phases:
             if (changed := self._adapt(phase)) and self._time.is_simulated:
-                self._await_words(changed)
+                # while time stands, nodes find sensors and other nodes
+                self._client.until(self._spoken(changed), PLANNING)
             elif changed:
                 self._await_feedforward()
             self._run_phase(phase)
@@ -297,10 +298,6 @@ class Session:
         if anew:
             self._start(anew, phase)
         return [*anew, *live]
-
-    def _await_words(self, names: Sequence[str]) -> None:
-        """Wait, while time stands, until nodes had time to find sensors and other nodes."""
-        self._client.until(self._spoken(names), PLANNING)
 
     def _spoken(self, names: Sequence[str], words: int = WORDS) -> Callable[[], bool]:
         """Return a condition: nodes have reported so often from now on."""

@@ -273,7 +273,10 @@ class ParameterTracker:
         levels = self._levels
         moved = levels.take(means.heard, means.gap, means.predicted, means.over_long, duration)
         usable = means.heard & levels.known
-        self._open_offsets(usable, means)
+        for channel in np.flatnonzero(usable & ~self._have_offsets).tolist():
+            deviation = math.hypot(means.gap[channel], STATIC * means.predicted[channel])
+            self._filter.open_offset(channel, deviation + 3.0 * levels.noise[channel])
+            self._have_offsets[channel] = True
         free = self._excitation.take(moved[usable], levels.noise[usable], duration)
         self.moving = np.sum(free**2, axis=1) > 0.5
         self._explain(means.heard, usable)
@@ -287,12 +290,6 @@ class ParameterTracker:
         yield
         self._publish(duration)
         self.blocks += 1
-
-    def _open_offsets(self, usable: Flags, means: BlockMeans) -> None:
-        for channel in np.flatnonzero(usable & ~self._have_offsets).tolist():
-            deviation = math.hypot(means.gap[channel], STATIC * means.predicted[channel])
-            self._filter.open_offset(channel, deviation + 3.0 * self._levels.noise[channel])
-            self._have_offsets[channel] = True
 
     def _explain(self, heard: Flags, usable: Flags) -> None:
         if not heard.any():

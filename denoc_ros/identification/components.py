@@ -209,8 +209,8 @@ def later_start_differs(t: Array, fit: Damped, span: float, k: int) -> str:
 def _difference(t: Array, pole: Array, again: Damped, place: int, late: float) -> str:
     found = again.poles[place]
     change = found - pole
-    block = slice(2 * place, 2 * place + 2)
-    covariance = again.covariance()[block, block] * _widening(t, again, place) ** 2
+    block, span = slice(2 * place, 2 * place + 2), float(t[-1] - t[0])
+    covariance = again.covariance()[block, block] * _excess(t - t[0], again, span, place) ** 2
     covariance += 1e-18 * np.eye(2) * float(pole @ pole)
     distance = float(change @ np.linalg.solve(covariance, change))
     if distance < SURPRISING or np.hypot(*change) < LARGE * pole[0]:
@@ -220,13 +220,6 @@ def _difference(t: Array, pole: Array, again: Damped, place: int, late: float) -
         f'no free decay from the start of the window: {1e3 * late:.3g} ms later it is '
         f'{rate / (2.0 * np.pi):.4g} Hz with a damping ratio of {found[0] / rate:.3g}'
     )
-
-
-def _widening(t: Array, fit: Damped, k: int) -> float:
-    if not coloured(fit.residual) or fit.variance == 0.0:
-        return 1.0
-    local = local_variance(t - t[0], fit.residual, float(t[-1] - t[0]), *fit.poles[k])
-    return float(np.sqrt(max(local / fit.variance, 1.0)))
 
 
 def overlapping(poles: Array, size: Array, k: int) -> str:
