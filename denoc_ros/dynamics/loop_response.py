@@ -21,8 +21,8 @@ Complex = NDArray[np.complex128]
 
 RINGS = 0.05  # damping ratio below which a swing is seen: five swings to 20 %
 DECAYED = 3.0  # time constants to 5 %
-BODY_CONSTANTS = 1e-3  # of its size: imaginary part of what does not swing
-UNSEEN = 1e-6  # of the largest: modes that the input does not move, or the output does not see
+REAL_SHARE = 1e-3  # of its size: imaginary part of what does not swing
+UNSEEN_SHARE = 1e-6  # of the largest: modes that input or output do not see
 POINTS = 500
 
 
@@ -96,7 +96,7 @@ def swings(values: Complex) -> list[Swing]:
 
 
 def _swinging(values: Complex) -> NDArray[np.bool_]:
-    return np.asarray(np.abs(values.imag) > BODY_CONSTANTS * np.abs(values))
+    return np.asarray(np.abs(values.imag) > REAL_SHARE * np.abs(values))
 
 
 def _collocated(way: LoopResponse) -> str:
@@ -241,7 +241,7 @@ def _opposed(model: LinearModel) -> tuple[Swing, ...]:
     poles, residues = poles[order], residues[order]
     # of r / (s^2 + w^2) the residue at i w is r / (2 i w)
     strength = (2j * np.abs(poles) * residues).real
-    seen = np.abs(strength) > UNSEEN * np.abs(strength).max(initial=0.0)
+    seen = np.abs(strength) > UNSEEN_SHARE * np.abs(strength).max(initial=0.0)
     lowest = _rigid_strength(model)
     if lowest == 0.0 and seen.any():
         lowest = float(strength[seen][0])

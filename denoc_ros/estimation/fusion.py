@@ -25,7 +25,7 @@ Value = tuple[float, int, float]  # stamp, place, value
 
 WAITING = 1024  # values at most that wait for the joints' motion up to their stamps
 WIDER, MOST_DOUBT = 3.0, 1000.0  # times the error at the start, each time a sensor is believed
-UNSEEN = 0.1  # of the error at the start that inertial sensors alone are to find
+INERTIAL_SHARE = 0.1  # of the error at the start that inertial sensors alone are to find
 CREEP = 0.1  # of a step, by which a sensor may come later with each value
 MOST_STEPS = 250  # a covariance older than this is started anew
 
@@ -154,7 +154,7 @@ class StrainFusion:
             robot.copy(),
             step,
             settings.model_error,
-            settings.initial_deflection * (1.0 if sensors else UNSEEN),
+            settings.initial_deflection * (1.0 if sensors else INERTIAL_SHARE),
             free,
             self.inertial.bias,
             steady=self.inertial.loads if self.inertial.names else None,

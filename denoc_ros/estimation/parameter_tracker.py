@@ -25,7 +25,7 @@ from denoc_ros.estimation.tracking import TrackingFilter
 from denoc_ros.types import Array, Flags
 
 DEVIATIONS = 4.0  # width of the bounds in deviations of what is not known yet
-SILENT = 'no effort and no values of sensors'
+NOTHING_HEARD = 'no effort and no values of sensors'
 KNOWN = 0.5  # share of that deviation below which the data support a value
 STATIC = 0.2  # share of a channel's value that may be its offset at first
 DRIFT = 0.05  # of the offsets from block to block, as a share of the model's error
@@ -293,7 +293,7 @@ class ParameterTracker:
 
     def _explain(self, heard: Flags, usable: Flags) -> None:
         if not heard.any():
-            self.cause = SILENT
+            self.cause = NOTHING_HEARD
         elif not usable.any():
             self.cause = 'the noise is not known yet'
         else:

@@ -44,7 +44,7 @@ HEAVY = 0.05  # damping ratio from which on neighbours are looked at
 COMPARABLE_NEIGHBOUR = 0.1  # of its amplitude: smaller neighbours do not count
 CYCLES = 0.75  # in the record: less is part of the drift
 SEEN = 3.5  # time constants that a mode is seen for: 0.1 % of its energy is left
-NEAR = 2.0  # over the time that both of two modes are seen for [Hz]: maybe they are one
+NEAR_CYCLES = 2.0  # over the time that both of two modes are seen for [Hz]: maybe they are one
 DRIFT_LEAVES = 0.02  # of a group's energy
 AS_LONG = 3.0  # times the time constant of what is no free decay
 COMPARABLE = 0.05  # of the larger amplitude: a smaller one is no part of one mode
@@ -404,7 +404,7 @@ def _chains(fit: Damped, groups: list[list[int]], span: float) -> list[list[list
         if last is not None:
             fastest = max(fit.poles[last, 0], fit.poles[group[0], 0], 1e-12)
             seen = min(SEEN / fastest, span)
-            if _apart(fit, last, group[0]) < NEAR / seen:
+            if _apart(fit, last, group[0]) < NEAR_CYCLES / seen:
                 chains[-1].append(group)
                 continue
         chains.append([group])

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from denoc_ros.control.asked_motion import AskedMotion
-from denoc_ros.control.carried_out import CarriedOut, DrivenMotion, carry_out, planned
 from denoc_ros.control.plan import LimitUse, Plan
+from denoc_ros.control.plan_simulation import CarriedOut, JointLaw, carry_out, planned
 from denoc_ros.control.shape import tip_frames
 from denoc_ros.control.shaped_samples import rest_spline
 from denoc_ros.dynamics.robot import Robot
@@ -123,7 +123,7 @@ class _Judge:
     def track(self, robot: Robot, shaped: bool) -> Tracked:
         """Return the run of the plan, or of the motion as it was asked for."""
         plan = self._plan
-        motion: DrivenMotion = planned(plan, plan.joint_names) if shaped else self.asked
+        motion: JointLaw = planned(plan, plan.joint_names) if shaped else self.asked
         end = max(self._last, float(plan.t[-1])) + self._tail
         times: Array = np.linspace(min(float(plan.t[0]), self._first), end, ROWS)
         run = carry_out(robot, motion, plan.joint_names, self._near, times)

@@ -10,7 +10,7 @@ from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import ConfigError
 from denoc_ros.estimation.fusion import StrainFusion
 from denoc_ros.estimation.observer import Observer
-from denoc_ros.estimation.parameter_tracker import SILENT, ParameterTracker
+from denoc_ros.estimation.parameter_tracker import NOTHING_HEARD, ParameterTracker
 from denoc_ros.estimation.tracked_model import BaseAt
 from denoc_ros.estimation.tracker_settings import TrackerSettings, tracked_paths
 from denoc_ros.runtime.parameters import Settings
@@ -168,8 +168,8 @@ class Adaptation:
             'restarts': tracker.restarts,
             'model_failures': tracker.failures,
         }
-        if tracker.cause == SILENT:
-            status.worsen(WARN, f'no value changes: {SILENT}')
+        if tracker.cause == NOTHING_HEARD:
+            status.worsen(WARN, f'no value changes: {NOTHING_HEARD}')
         if ends:
             status.worsen(WARN, f'at the end of its bounds: {", ".join(ends)}')
         return status

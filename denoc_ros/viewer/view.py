@@ -17,8 +17,8 @@ from denoc_ros.types import Array
 from denoc_ros.units import round_up
 from denoc_ros.viewer.bending import (
     PRESSED,
-    STILL,
     STRETCHED,
+    UNSTRAINED,
     Bending,
     Shape,
     exaggerated,
@@ -422,7 +422,7 @@ def _colour_bar(limit: float) -> str:
     ends = f'{limit * 1e6:g}'
     bar = (
         f'<div style="height:0.8em;border-radius:3px;background:linear-gradient(to right,'
-        f'{_css(PRESSED)},{_css(STILL)},{_css(STRETCHED)})"></div>'
+        f'{_css(PRESSED)},{_css(UNSTRAINED)},{_css(STRETCHED)})"></div>'
     )
     row = '<div style="display:flex;justify-content:space-between">{}</div>'
     numbers = ''.join(f'<span>{text}</span>' for text in (f'−{ends}', '0', f'+{ends}'))
