@@ -179,7 +179,7 @@ class Session:
         """Have nodes that have moved as they were started, and the recorder begin its bag."""
         first, trajectory = self._config.phases[0], self._task.trajectory
         self._reset('shaper')  # it brakes a motion before it forgets it
-        self._wait_while('moving')
+        self._await_rest()
         for name in RESETS:
             self._reset(name)
         if trajectory is not None and 'shaper' not in self._names:
@@ -385,7 +385,7 @@ class Session:
             self._time.go_to(start + self._task.duration, watch)
             show(self._task.duration)
         if self._task.trajectory is not None:
-            self._wait_while('moving')
+            self._await_rest()
         self._time.pass_by(TAIL)
 
     def _prepare(self, phase: Phase) -> float:
@@ -456,9 +456,9 @@ class Session:
         if now['planned'] == before['planned']:
             self._progress.say(f'shaper: {client.diagnostics(SHAPER)[""]}')
 
-    def _wait_while(self, doing: str) -> None:
-        """Let time pass until the shaper says that it does something else."""
-        while 'shaper' in self._names and self._shaper_does() == doing:
+    def _await_rest(self) -> None:
+        """Let time pass until the shaper, if there is one, moves the robot no more."""
+        while 'shaper' in self._names and self._shaper_does() == 'moving':
             self._time.pass_by(0.1)
             self._health.check()
 

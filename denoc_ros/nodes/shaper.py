@@ -486,7 +486,7 @@ class ShaperNode(RobotNode):
 
     def reload(self) -> str:
         """Read robot and table of modes again, and have the planner load them."""
-        self.require_configured('to reload its model')
+        self.require_configured()
         before, self._table = self._table, mode_table(self.settings)
         try:
             answer = super().reload()

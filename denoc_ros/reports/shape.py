@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from denoc_ros.control.asked_motion import AskedMotion
 from denoc_ros.control.plan import LimitUse, Plan
-from denoc_ros.control.plan_simulation import CarriedOut, JointLaw, carry_out, planned
+from denoc_ros.control.plan_simulation import JointLaw, carry_out, planned
 from denoc_ros.control.shape import tip_frames
 from denoc_ros.control.shaped_samples import rest_spline
 from denoc_ros.dynamics.robot import Robot
@@ -129,9 +129,6 @@ class _Judge:
         run = carry_out(robot, motion, plan.joint_names, self._near, times)
         apart = run.tip(robot, self.frame) - self._positions(times)
         stop = max(self._last, float(plan.t[-1])) if shaped else self._last
-        return self._tracked(robot, run, apart, stop)
-
-    def _tracked(self, robot: Robot, run: CarriedOut, apart: Array, stop: float) -> Tracked:
         moving = (run.t >= self._first) & (run.t <= stop)
         swing = run.swing(robot, self.frame, stop)
         return Tracked(run.t, np.linalg.norm(apart, axis=1), moving, swing)

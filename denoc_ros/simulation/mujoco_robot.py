@@ -100,7 +100,8 @@ class MujocoRobot:
         robot = self.mujoco.MjSpec.from_string(made.text)
         if not scene:
             return robot.compile()
-        _require_scene(scene)
+        # it may have no DOCTYPE or entities
+        parse_xml(*read_source(Path(scene)), root='mujoco')
         try:
             objects = self.mujoco.MjSpec.from_file(scene)
             robot.attach(objects, prefix=SCENE, frame=robot.worldbody.add_frame())
@@ -351,9 +352,3 @@ class MujocoRobot:
             position[turned] = phi
             rate[at] = turn @ (tip[3:] - root[3:] - np.cross(root[:3], arm))
             rate[turned] = np.linalg.solve(left_jacobians(phi), turn @ (tip[:3] - root[:3]))
-
-
-def _require_scene(path: str) -> None:
-    """Refuse a scene that cannot be read or has a DOCTYPE, entities or another root."""
-    where, text = read_source(Path(path))
-    parse_xml(where, text, root='mujoco')
