@@ -18,8 +18,8 @@ from panda_strip import SIDE, panda_strip
 
 import denoc_ros as dn
 from denoc_ros.control.asked_motion import AskedMotion
-from denoc_ros.control.carried_out import carry_out, planned
 from denoc_ros.control.plan import Plan
+from denoc_ros.control.plan_simulation import carry_out, planned
 from denoc_ros.simulation.reference import Circle, follow
 from denoc_ros.types import Array
 

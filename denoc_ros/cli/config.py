@@ -22,6 +22,7 @@ KEYS = (
     'robot', 'gravity', 'reference', 'duration', 'record', 'time', 'tip', 'joints', 'posture',
     'model', 'nodes', 'plant', 'phases',
 )  # fmt: skip
+NO_REFERENCE = 'reference must be a mapping or an existing YAML file, got {!r}'
 REFERENCE_KINDS = ('book', 'points', 'sine')
 Parameters = dict[str, Any]
 
@@ -148,6 +149,14 @@ def find_file(path: Path, folder: Path) -> Path | None:
         if (base / path).is_file():
             return base / path
     return None
+
+
+def read_reference(name: str, folder: Path, where: str) -> dict[str, Any]:
+    """Return a reference that stands in a file of its own; ConfigError where there is none."""
+    found = find_file(Path(name), folder)
+    if found is None:
+        raise ConfigError(where, [NO_REFERENCE.format(name)])
+    return read_yaml(found)
 
 
 def share_directory() -> Path:
@@ -278,11 +287,10 @@ class _Checker(MappingReader):
 
     def _reference(self, value: Any) -> Mapping[str, Any]:
         if isinstance(value, str):
-            found = find_file(Path(value), self._file.parent)
-            if found is None:
-                self.find(f'reference must be a mapping or an existing YAML file, got {value!r}')
+            if find_file(Path(value), self._file.parent) is None:
+                self.find(NO_REFERENCE.format(value))
                 return {}
-            return self._reference(read_yaml(found))
+            return self._reference(read_reference(value, self._file.parent, str(self._file)))
         values = dict(self.mapping('reference', value))
         if values and values.get('kind') not in REFERENCE_KINDS:
             self.find(

@@ -77,10 +77,6 @@ def _compare(args: argparse.Namespace) -> VerbResult:
     return VerbResult(document, [text_table(plain(rows))] if rows else [], status)
 
 
-def _add_postures(parser: argparse.ArgumentParser) -> None:
-    _add_written(parser, 'FILE', 'table of modes to write (.yaml)')
-
-
 def _postures(args: argparse.Namespace) -> VerbResult:
     """Write the table; exit status 2 where a doubtful mode is in it."""
     require_new(args.output)
@@ -132,7 +128,7 @@ DECLARED = (
         '--mode-table` and the shaper node (`mode_table`) read. The robot needs no beams. A '
         'result has the posture of `--at` or of the joint states of its bag, and the modes that '
         'its verdict is of (`--band`, `--modes`). Exit status 2 if one of them is doubtful.',
-        _add_postures,
+        lambda parser: _add_written(parser, 'FILE', 'table of modes to write (.yaml)'),
         _postures,
     ),
 )

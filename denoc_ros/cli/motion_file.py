@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from denoc_ros.cli.config import find_file, read_yaml
+from denoc_ros.cli.config import read_reference
 from denoc_ros.control.grid import GridMotion
 from denoc_ros.control.plan import Plan
 from denoc_ros.errors import ConfigError
@@ -66,11 +66,7 @@ def _reference(values: Mapping[str, Any], file: Path) -> dict[str, Any]:
     if reference is None and isinstance(values.get('torque'), dict):
         reference = values['torque'].get('reference')
     if isinstance(reference, str):
-        found = find_file(Path(reference), file.parent)
-        if found is None:
-            rule = f'reference must be a mapping or an existing YAML file, got {reference!r}'
-            raise ConfigError(str(file), [rule])
-        reference = read_yaml(found)
+        reference = read_reference(reference, file.parent, str(file))
     if not isinstance(reference, Mapping):
         rule = 'the file must have a kind, a reference or joint_names, got none of them'
         raise ConfigError(str(file), [rule])

@@ -30,7 +30,7 @@ LOOK = 1.0  # s between looks
 LONGEST_LOOK = 2.0  # s: a look that comes later says nothing of what the others do
 STOPPED = 3.0  # s for which a process may be stopped
 HUNG = 10.0  # s of silence of a process that waits and uses no processor
-SILENT = 60.0  # s of silence of one that works, or waits for a processor
+LONGEST_SILENCE = 60.0  # s of silence of one that works, or waits for a processor
 IDLE = 0.02  # share of a core up to which a process does nothing
 STARVED = 8.0  # s in which a process waits for a processor nearly all the time
 WANTED = 0.7  # share of the time for which it wants one, at least
@@ -307,7 +307,7 @@ class Health:
         watched.silent += passed
         used = activity.cpu - watched.cpu
         idle = not activity.runs and used < IDLE * watched.silent
-        if watched.silent > (HUNG if idle else SILENT):
+        if watched.silent > (HUNG if idle else LONGEST_SILENCE):
             does = 'waits' if idle else 'works'
             raise ProcessError(
                 f'{name}: node must report on /diagnostics once a second, got '

@@ -20,17 +20,21 @@ from denoc_ros.cli.arguments import (
     given_file,
     require,
 )
+from denoc_ros.cli.progress import seconds, share_bar
 from denoc_ros.cli.verb_result import VerbResult
 from denoc_ros.cli.verbs import DOUBTFUL
 from denoc_ros.errors import ConfigError, ModelError
+from denoc_ros.model.beams import warping_doubts
+from denoc_ros.model.link_file import write
 from denoc_ros.model.suggest.materials import ASSUMED_DAMPING
 from denoc_ros.output_files import require_new, whole_file, write_new
+from denoc_ros.reduction.description import LinkDescription, describe_link, with_block
+from denoc_ros.reports.provenance import named_file, provenance
 from denoc_ros.reports.text_table import text_table
+from denoc_ros.types import Array
 
-if TYPE_CHECKING:
-    from denoc_ros.reduction.description import LinkDescription
+if TYPE_CHECKING:  # an optional extra
     from denoc_ros.reduction.reduce import Estimate, Frames, ReducedMesh
-    from denoc_ros.types import Array
 
 SURFACES = ('.stl', '.obj', '.ply', '.off', '.dae')
 UNIT_NAMES = ('m', 'cm', 'mm', 'in')
@@ -153,8 +157,6 @@ def _check_extra() -> None:
 
 
 def _described(args: argparse.Namespace, source: Path) -> LinkDescription | None:
-    from denoc_ros.reduction.description import describe_link
-
     if source.suffix == '.urdf':
         require([] if args.link else ['--link must be given with a URDF, got none'])
         require(['--frames must come with a mesh, got a URDF'] if args.frames else [])
@@ -242,8 +244,6 @@ def _reduced(
     args: argparse.Namespace, source: Path, described: LinkDescription | None, frames: Frames
 ) -> ReducedMesh:
     """Reduce the source, whatever it is."""
-    from denoc_ros.cli.progress import share_bar
-    from denoc_ros.model.beams import warping_doubts
     from denoc_ros.reduction import matrices, mesh
     from denoc_ros.reduction.beam import reduce_beam
     from denoc_ros.reduction.reduce import (
@@ -345,8 +345,6 @@ def _target_mass(args: argparse.Namespace, described: LinkDescription | None) ->
 
 def _tell(estimate: Estimate, quiet: bool) -> None:
     if not quiet:
-        from denoc_ros.cli.progress import seconds
-
         said = f'about {seconds(max(estimate.seconds, 1.0))}, {estimate.megabytes:.0f} MB'
         print(f'{estimate.nodes} nodes: {said}', file=sys.stderr)
 
@@ -359,9 +357,6 @@ def _finish(
     files: list[Path],
 ) -> VerbResult:
     """Write the result; exit status 2 with doubts."""
-    from denoc_ros.model.link_file import write
-    from denoc_ros.reduction.description import with_block
-    from denoc_ros.reports.provenance import named_file, provenance
     from denoc_ros.reports.reduce import page, summary
 
     of_beam = described is not None and described.beam is not None and len(files) > 1

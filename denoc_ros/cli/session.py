@@ -132,7 +132,8 @@ class Session:
         self._began, self._cpu_before = time.perf_counter(), self._processes.cpu_seconds()
         for phase in self._config.phases:
             if (changed := self._adapt(phase)) and self._time.is_simulated:
-                self._await_words(changed)
+                # while time stands, nodes find sensors and other nodes
+                self._client.until(self._spoken(changed), PLANNING)
             elif changed:
                 self._await_feedforward()
             self._run_phase(phase)
@@ -178,7 +179,7 @@ class Session:
         """Have nodes that have moved as they were started, and the recorder begin its bag."""
         first, trajectory = self._config.phases[0], self._task.trajectory
         self._reset('shaper')  # it brakes a motion before it forgets it
-        self._wait_while('moving')
+        self._await_rest()
         for name in RESETS:
             self._reset(name)
         if trajectory is not None and 'shaper' not in self._names:
@@ -298,10 +299,6 @@ class Session:
             self._start(anew, phase)
         return [*anew, *live]
 
-    def _await_words(self, names: Sequence[str]) -> None:
-        """Wait, while time stands, until nodes had time to find sensors and other nodes."""
-        self._client.until(self._spoken(names), PLANNING)
-
     def _spoken(self, names: Sequence[str], words: int = WORDS) -> Callable[[], bool]:
         """Return a condition: nodes have reported so often from now on."""
         reports = self._client.reports
@@ -388,7 +385,7 @@ class Session:
             self._time.go_to(start + self._task.duration, watch)
             show(self._task.duration)
         if self._task.trajectory is not None:
-            self._wait_while('moving')
+            self._await_rest()
         self._time.pass_by(TAIL)
 
     def _prepare(self, phase: Phase) -> float:
@@ -459,9 +456,9 @@ class Session:
         if now['planned'] == before['planned']:
             self._progress.say(f'shaper: {client.diagnostics(SHAPER)[""]}')
 
-    def _wait_while(self, doing: str) -> None:
-        """Let time pass until the shaper says that it does something else."""
-        while 'shaper' in self._names and self._shaper_does() == doing:
+    def _await_rest(self) -> None:
+        """Let time pass until the shaper, if there is one, moves the robot no more."""
+        while 'shaper' in self._names and self._shaper_does() == 'moving':
             self._time.pass_by(0.1)
             self._health.check()
 

@@ -29,7 +29,7 @@ from denoc_ros.cli.batch import (
     run_batch,
     worker_config,
 )
-from denoc_ros.cli.config import find_file, read_yaml
+from denoc_ros.cli.config import read_reference, read_yaml
 from denoc_ros.cli.report import write_report
 from denoc_ros.cli.verb_result import VerbResult
 from denoc_ros.cli.verbs import BAD_INPUT
@@ -67,21 +67,11 @@ def load(robot: str, scenario: str, smooth: float | None = None) -> tuple[Robot,
         accelerations are mostly rounding are warned of.
     """
     robot_file, scenario_file = given_file(robot, 'robot'), given_file(scenario, 'scenario')
-    values = _smooth_enough(_with_reference(read_yaml(scenario_file), scenario_file), smooth)
-    loaded, made = prepare(robot_file, values, str(scenario_file))
+    values = read_yaml(scenario_file)
+    if isinstance(name := values.get('reference'), str):
+        values['reference'] = read_reference(name, scenario_file.parent, str(scenario_file))
+    loaded, made = prepare(robot_file, _smooth_enough(values, smooth), str(scenario_file))
     return loaded, made, complete_text(robot_file)
-
-
-def _with_reference(values: dict[str, Any], scenario: Path) -> dict[str, Any]:
-    """Return a scenario with the reference of another file in place of that file's name."""
-    name = values.get('reference')
-    if not isinstance(name, str):
-        return values
-    found = find_file(Path(name), scenario.parent)
-    if found is None:
-        rule = f'reference must be a mapping or an existing YAML file, got {name!r}'
-        raise ConfigError(str(scenario), [rule])
-    return {**values, 'reference': read_yaml(found)}
 
 
 def _smooth_enough(values: Mapping[str, Any], smooth: float | None) -> Mapping[str, Any]:

@@ -117,7 +117,8 @@ def _configured(args: argparse.Namespace) -> SessionConfig:
     if args.record is not None:
         config = dataclasses.replace(config, record=args.record)
     if args.view:
-        config = _viewed(config)
+        nodes = {**config.nodes, 'viewer': {'port': 0, **config.nodes.get('viewer', {})}}
+        config = dataclasses.replace(config, nodes=nodes, without=config.without - {'viewer'})
     return config
 
 
@@ -301,13 +302,6 @@ def new_folder(output: Path | None) -> Path:
         (folder / 'parameters').mkdir()
         return folder
     raise ConfigError('--output', [TAKEN.format(output)])
-
-
-def _viewed(config: SessionConfig) -> SessionConfig:
-    viewer = {'port': 0, **config.nodes.get('viewer', {})}
-    return dataclasses.replace(
-        config, nodes={**config.nodes, 'viewer': viewer}, without=config.without - {'viewer'}
-    )
 
 
 def _require_ros() -> None:

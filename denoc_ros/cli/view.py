@@ -93,10 +93,10 @@ def open_run(args: argparse.Namespace, path: Path, rate: float) -> OpenedRun:
     if args.source in ('', 'plant'):
         robot = plant_of(robot, session)
     run = RecordedRun(bag, robot, args.source, args.start, args.end, rate)
-    file = source if isinstance(source, Path) else _session_robot(session)
+    file = source if isinstance(source, Path) else Path(str(session.get('robot', '')))
     name = session.get('name') or recording_name(path)
     title = robot.tree.name if name == robot.tree.name else f'{robot.tree.name}: {name}'
-    return OpenedRun(run, robot, title, file.parent if file is not None else None)
+    return OpenedRun(run, robot, title, file.parent if file.is_file() else None)
 
 
 def robot_source(bag: Path, given: str | None) -> str | Path:
@@ -112,11 +112,6 @@ def robot_source(bag: Path, given: str | None) -> str | Path:
     if text := read_description(bag):
         return text
     raise BagError(f'{bag}: bag must hold the robot where --robot is not given, got none')
-
-
-def _session_robot(session: dict[str, object]) -> Path | None:
-    file = Path(str(session.get('robot', '')))
-    return file if file.is_file() else None
 
 
 def add_film_options(parser: argparse.ArgumentParser) -> None:
@@ -136,11 +131,6 @@ def add_film_options(parser: argparse.ArgumentParser) -> None:
     add_option(group, '--fps', 'frames per second, default 30, for a GIF 20', type=float)
     add_option(group, '--size WxH', 'size in pixels, default 1280x720', '')
     add_option(group, '--view', 'direction of view', AUTO, choices=(AUTO, *VIEWS))
-
-
-def wants_pictures(args: argparse.Namespace) -> bool:
-    """Say whether a film or a strip was asked for."""
-    return args.video is not None or args.strip is not None
 
 
 def write_pictures(args: argparse.Namespace, path: Path) -> list[Path]:
@@ -220,8 +210,10 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the verb and return the exit status; errors are raised."""
-    run_path = Path(args.shown) if args.shown is not None and is_run(args.shown) else None
-    if wants_pictures(args):
+    run_path = None if args.shown is None else Path(args.shown)
+    if run_path is not None and not (run_path.is_dir() or run_path.suffix in BAG_SUFFIXES):
+        run_path = None  # a robot
+    if args.video is not None or args.strip is not None:
         if run_path is None:
             raise ConfigError(
                 '--video, --strip',
@@ -231,11 +223,6 @@ def run(args: argparse.Namespace) -> int:
             print(file)
         return 0
     return _serve_until_interrupted(args, run_path)
-
-
-def is_run(path: str) -> bool:
-    """Say whether a path is that of a run, not of a robot."""
-    return Path(path).is_dir() or Path(path).suffix in BAG_SUFFIXES
 
 
 def _serve_until_interrupted(args: argparse.Namespace, run_path: Path | None) -> int:
@@ -262,18 +249,12 @@ def _serve_until_interrupted(args: argparse.Namespace, run_path: Path | None) ->
 
 def _page(args: argparse.Namespace, run_path: Path | None) -> Page:
     if run_path is not None:
-        return _run_page(args, run_path)
-    return _gallery(args) if args.shown is None else _robot_page(args)
-
-
-def _run_page(args: argparse.Namespace, path: Path) -> Page:
-    opened = open_run(args, path, PAGE_RATE)
-    page = _serve(args, opened.robot, title=opened.title, folder=opened.folder)
-    page.play(opened.run)
-    return page
-
-
-def _robot_page(args: argparse.Namespace) -> Page:
+        opened = open_run(args, run_path, PAGE_RATE)
+        page = _serve(args, opened.robot, title=opened.title, folder=opened.folder)
+        page.play(opened.run)
+        return page
+    if args.shown is None:
+        return _gallery(args)
     file = find_file(Path(args.shown), Path()) or Path(args.shown)
     robot = load_robot(file, gravity=args.gravity or EARTH)
     page = _serve(args, robot, folder=file.parent)

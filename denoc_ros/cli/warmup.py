@@ -21,16 +21,9 @@ from denoc_ros.control.state_feedback import FEEDBACK_KERNELS
 from denoc_ros.dynamics.robot_model import CONSTRAINT_KERNELS, KERNELS
 from denoc_ros.dynamics.stepper import DRIVEN_KERNELS
 from denoc_ros.errors import DenocError
-from denoc_ros.kernels import (
-    inverse,
-    inverse_derivatives,
-    kalman,
-    message_values,
-    world,
-)
+from denoc_ros.kernels import inverse, inverse_derivatives, kalman, message_values, world
 from denoc_ros.kernels.cache import cache_folder, is_kept
 from denoc_ros.kernels.compiled import DECLARED, ready
-from denoc_ros.model.tree import Tree
 from denoc_ros.model.urdf import load_tree
 from denoc_ros.runtime.realtime import INSTALLED_ONLY
 
@@ -191,16 +184,11 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def has_constraints(tree: Tree) -> bool:
-    """Say whether a robot has kinematic loops or mimic joints."""
-    return bool(tree.loops or tree.mimics)
-
-
 def run(args: argparse.Namespace) -> int:
     """Compile and print the time it took."""
     LOG.info('loading the compiler')
-    loops = args.robot is None or has_constraints(load_tree(args.robot))
-    wanted = all_kernels(loops)
+    tree = None if args.robot is None else load_tree(args.robot)
+    wanted = all_kernels(tree is None or bool(tree.loops or tree.mimics))
     began = time.perf_counter()
     if missing(wanted):
         speed = measured_speed(wanted)

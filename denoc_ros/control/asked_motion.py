@@ -54,7 +54,11 @@ class AskedMotion:
         self._base: Any = None
         if len(robot.base_indices):
             self._base = rest_spline(*reaction(robot, self._joints, self.duration))
-        self._path = {frame: _pose_spline(times, poses) for frame, poses in (path or {}).items()}
+        # splines from rest to rest of positions and of columns of rotations
+        self._path = {
+            frame: rest_spline(times, poses[:, :3].reshape(len(poses), 12))
+            for frame, poses in (path or {}).items()
+        }
 
     @property
     def joint_spline(self) -> Any:
@@ -119,11 +123,6 @@ class RetimedMotion:
         before = np.maximum(at - little, 0.0)
         after = np.minimum(at + little, self._asked.duration)
         return before, after, after - before
-
-
-def _pose_spline(times: Array, poses: Array) -> Any:
-    """Return the spline from rest to rest through poses: positions and columns of rotations."""
-    return rest_spline(times, poses[:, :3].reshape(len(poses), 12))
 
 
 def _poses(rows: Array) -> Array:

@@ -131,14 +131,14 @@ def joint_loop(model: DeviationModel, gains: Array, settings: FeedbackSettings) 
     return step
 
 
-def slow_modes(model: DeviationModel, fastest: float = FASTEST) -> DeviationModel:
-    """Return a model without the modes of its links that are faster than some frequency [Hz].
+def slow_modes(model: DeviationModel) -> DeviationModel:
+    """Return a model without the modes of its links that are faster than `FASTEST`.
 
     Modes with the driven joints' inertia, at rest; what moves faster follows at once.
     """
     linear = model.linear
     values, shapes = scipy.linalg.eigh(np.diag(model.stiff), linear.inertia)
-    kept = shapes[:, values <= (2.0 * np.pi * fastest) ** 2]
+    kept = shapes[:, values <= (2.0 * np.pi * FASTEST) ** 2]
     into = scipy.linalg.block_diag(kept, kept)
     back = scipy.linalg.block_diag(kept.T @ linear.inertia, kept.T @ linear.inertia)
     reduced = replace(

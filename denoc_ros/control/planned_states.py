@@ -21,7 +21,7 @@ Row = tuple[Array, Array, Array]  # q, qd, qdd, (n,) each
 STEP = 4e-3  # s of the integration of the amplitudes, at most
 AFTER = 1.0  # s after the end whose swing counts as that of the last posture
 SPACING = 0.25  # s between states along a plan, at least
-MOST = 200  # states along a plan
+MOST_STATES = 200  # states along a plan
 ROWS = 16  # of the motion, from one operating point to the next, at most
 DEFLECTION = 3e-3  # of its length that a beam of a streamed reference may bend
 
@@ -129,7 +129,7 @@ def motion_along(
 
 def spacing(duration: float, period: float) -> float:
     """Return the time between states along a plan of a duration [s]: 2^j periods."""
-    wanted = max(SPACING, duration / MOST)
+    wanted = max(SPACING, duration / MOST_STATES)
     return period * 2.0 ** math.ceil(math.log2(wanted / period) - 1e-9)
 
 

@@ -17,7 +17,7 @@ LONGEST_STEP = 0.02  # s
 GAUSS = np.sqrt(3.0) / 6.0  # from the middle of a step to the points where rates are taken
 
 
-def falling(robot: Robot) -> Robot:
+def in_free_fall(robot: Robot) -> Robot:
     """Return a copy; with a floating base it falls freely: gravity does nothing to it."""
     own = robot.copy()
     if len(own.base_indices):

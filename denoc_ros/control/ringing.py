@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from denoc_ros.control.impulses import damped_frequency
 from denoc_ros.control.mode_table import ModeTable
-from denoc_ros.control.reaction import falling
+from denoc_ros.control.reaction import in_free_fall
 from denoc_ros.dynamics.reacting_base import held_robot
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import SolverError, StateError
@@ -43,7 +43,7 @@ def ringing_robot(robot: Robot, base: str) -> Robot:
 
     Of a base that floats: ``free_flying`` where thrusters hold it, else it reacts.
     """
-    return falling(held_robot(robot) if base == 'free_flying' else robot)
+    return in_free_fall(held_robot(robot) if base == 'free_flying' else robot)
 
 
 def ringing_modes(
@@ -54,7 +54,7 @@ def ringing_modes(
 ) -> RingingModes:
     """Return the modes to be shaped, with the joints held, at static equilibrium.
 
-    A base that floats moves with them (see :func:`falling`).
+    A base that floats moves with them (see :func:`in_free_fall`).
 
     Parameters
     ----------

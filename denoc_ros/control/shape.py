@@ -19,7 +19,7 @@ from denoc_ros.control.joint_plans import (
     with_spread,
 )
 from denoc_ros.control.plan import Plan
-from denoc_ros.control.reaction import falling
+from denoc_ros.control.reaction import in_free_fall
 from denoc_ros.control.tip import tip_motion
 from denoc_ros.control.tip_options import TipOptions
 from denoc_ros.dynamics.reacting_base import held_robot
@@ -131,7 +131,7 @@ def shape_motion(
     flies = _flies(robot, options.pop('base', None))
     chosen = _options(method, options)
     at, joints = _motion(robot, times, q_joints)
-    planned = held_robot(robot) if flies else falling(robot)
+    planned = held_robot(robot) if flies else in_free_fall(robot)
     frames = tip_frames(planned, tip)
     if isinstance(chosen, TipOptions):
         plan = tip_motion(planned, at, joints, frames, chosen)

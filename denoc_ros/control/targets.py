@@ -8,6 +8,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from denoc_ros.dynamics.robot import Robot
+from denoc_ros.dynamics.rotations import left_jacobians
 from denoc_ros.types import Array
 
 
@@ -48,7 +49,7 @@ class Target:
         if self.turn == 0.0:
             jacobian[:, 3:] = 0.0
             return jacobian
-        change = _turn_rate(errors[:, 3:] / (self.weight * self.turn))
+        change = np.linalg.inv(left_jacobians(errors[:, 3:] / (self.weight * self.turn)))
         jacobian[:, 3:] = self.turn * (change @ jacobian[:, 3:])
         return jacobian
 
@@ -65,21 +66,3 @@ class Target:
             rate = robot.frame_jacobian_rate(self.frame, q, along)
             found[:, j] = np.einsum('ki,kin->kn', weighed, rate)
         return np.asarray(0.5 * (found + found.transpose(0, 2, 1)))
-
-
-def _turn_rate(turn: Array) -> Array:
-    """Matrix (k, 3, 3) from angular velocity to the rate of a rotation vector (k, 3).
-
-    The inverse of the left Jacobian of SO(3).
-    """
-    angle = np.linalg.norm(turn, axis=1)
-    half = 0.5 * angle
-    small = angle < 1e-4
-    safe = np.where(small, 1.0, angle)
-    share = np.where(
-        small, 1.0 / 12.0, (1.0 - half / np.tan(np.where(small, 1.0, half))) / safe**2
-    )
-    cross = np.zeros((len(turn), 3, 3))
-    cross[:, 0, 1], cross[:, 0, 2], cross[:, 1, 2] = -turn[:, 2], turn[:, 1], -turn[:, 0]
-    cross -= cross.transpose(0, 2, 1)
-    return np.eye(3) - 0.5 * cross + share[:, None, None] * (cross @ cross)

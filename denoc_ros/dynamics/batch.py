@@ -53,16 +53,12 @@ def run_rows(
     int
         The worst status of all rows.
     """
-    rows = tuple([a if a.ndim == 2 else _as_matrix(a) for a in arrays])
+    wide = [a[None] if a.ndim == 1 else a for a in arrays]
+    rows = tuple([a if a.ndim == 2 else a.reshape(len(a), prod(a.shape[1:])) for a in wide])
     compiled = entry(kernel)
     if _threads(robot, count) == 1:
         return compiled(robot.handle, rows, 0, count)
     return run_chunks(robot, count, lambda handle, *edges: compiled(handle, rows, *edges))
-
-
-def _as_matrix(array: Array) -> Array:
-    """Return a view (k, size) of an array (k, ...), (1, m) of a vector (m,)."""
-    return array[None] if array.ndim == 1 else array.reshape(len(array), prod(array.shape[1:]))
 
 
 def run_chunks(robot: RobotModel, count: int, run: Callable[..., int]) -> int:

@@ -26,10 +26,7 @@ from denoc_ros.kernels import (
 from denoc_ros.kernels.closing import OPEN, OPENED
 from denoc_ros.kernels.compiled import entry
 from denoc_ros.kernels.constrained import CONTRADICTED
-from denoc_ros.kernels.constrained_derivatives import (
-    constraint_force_change,
-    constraint_row_rates,
-)
+from denoc_ros.kernels.constrained_derivatives import constraint_force_change, constraint_row_rates
 from denoc_ros.kernels.constrained_torques import AGREEMENT, BEYOND_REACH, OPENING
 from denoc_ros.kernels.handle import GOOD, NOT_FINITE
 from denoc_ros.model.friction import Friction

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
+from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.rotations import rotations
 from denoc_ros.dynamics.section import ComponentSection, Section, SegmentedSection
 from denoc_ros.dynamics.structure import whole_beam
@@ -13,10 +12,6 @@ from denoc_ros.kernels.compiled import ready
 from denoc_ros.kernels.tip_deflection import ROTATIONS, segmented_tip, tip_deflections
 from denoc_ros.model.segments import locate, whole_beams
 from denoc_ros.types import Array
-
-if TYPE_CHECKING:
-    from denoc_ros.dynamics.robot import Robot
-
 
 COMPONENTS = ('ux', 'uy', 'uz', 'rx', 'ry', 'rz')
 

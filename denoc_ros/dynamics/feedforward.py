@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,15 +11,12 @@ from denoc_ros.dynamics.driven_motion import driven_motion
 from denoc_ros.dynamics.equilibrium import Equilibrium, UnsettledError
 from denoc_ros.dynamics.measured_side import MotorSide
 from denoc_ros.dynamics.reacting_base import ReactingBase
+from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.stepper import Stepper
 from denoc_ros.errors import SolverError, StateError
 from denoc_ros.kernels.handle import DAMPING, FRICTION
 from denoc_ros.model.friction import Friction
 from denoc_ros.types import Array
-
-if TYPE_CHECKING:
-    from denoc_ros.dynamics.robot import Robot
-
 
 MODELS = ('rigid', 'flexible', 'quasi_static')
 LONGEST_GAP = 0.5  # s between two updates after which the amplitudes start anew from equilibrium

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 Complex = NDArray[np.complex128]
 
-STILL = 1e-6  # of the fastest mode: scale [rad/s] of motions that have no frequency
+STILL_SHARE = 1e-6  # of the fastest mode: scale [rad/s] of motions that have no frequency
 ROUNDING = 1e-10  # of the largest pole
 DOUBLE_ROUNDING = 1e-7  # of the largest zero: double ones at 0 are off by the root of rounding
 NO_EFFECT = 1e-10  # of the sizes of its factors: a product that is rounding
@@ -121,7 +121,7 @@ class LinearModel(Signals):
         square = scipy.linalg.solve_triangular(lower, half.T, lower=True)
         squares, modes = np.linalg.eigh(0.5 * (square + square.T))
         omega = np.sqrt(np.abs(squares))
-        omega = np.maximum(omega, STILL * (omega.max(initial=0.0) or 1.0))
+        omega = np.maximum(omega, STILL_SHARE * (omega.max(initial=0.0) or 1.0))
         shapes = scipy.linalg.solve_triangular(lower, modes, lower=True, trans='T')
         inverse = modes.T @ lower.T
         a = np.zeros_like(self.a)

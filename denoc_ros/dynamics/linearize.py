@@ -23,7 +23,6 @@ from denoc_ros.dynamics.constraints import (
 from denoc_ros.dynamics.derivatives import DifferentiableModel
 from denoc_ros.dynamics.linear_model import LinearModel
 from denoc_ros.dynamics.natural_modes import independent_joints
-from denoc_ros.dynamics.robot_model import RobotModel
 from denoc_ros.dynamics.sensor_values import SensorValues
 from denoc_ros.dynamics.validation import as_vector
 from denoc_ros.errors import StateError
@@ -237,12 +236,9 @@ def _forces(
     by_q = by_q - constraints.transposed_change(robot, q, multipliers, -force)
     by_q = by_q + axes.T @ (slope[:, None] * change.axis_rates_by_q)
     by_rate = by_rate + axes.T @ (slope[:, None] * axes)
-    return by_q, by_rate if friction else by_rate - np.diag(friction_slope(robot, qd)), inertia
-
-
-def friction_slope(robot: RobotModel, qd: Array) -> Array:
-    """Return the slope (n,) of the coordinates' Coulomb friction at rates qd."""
-    return Friction(np.zeros(robot.n), robot.friction).slope(qd)
+    if not friction:
+        by_rate = by_rate - np.diag(Friction(np.zeros(robot.n), robot.friction).slope(qd))
+    return by_q, by_rate, inertia
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,18 +10,16 @@ from numpy.typing import NDArray
 from denoc_ros.dynamics.linear_model import LinearModel
 from denoc_ros.dynamics.linearize import POSE
 from denoc_ros.dynamics.natural_modes import independent_joints
+from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import StateError
 from denoc_ros.types import Array
-
-if TYPE_CHECKING:
-    from denoc_ros.dynamics.robot import Robot
 
 Complex = NDArray[np.complex128]
 
 RINGS = 0.05  # damping ratio below which a swing is seen: five swings to 20 %
 DECAYED = 3.0  # time constants to 5 %
-BODY_CONSTANTS = 1e-3  # of its size: imaginary part of what does not swing
-UNSEEN = 1e-6  # of the largest: modes that the input does not move, or the output does not see
+REAL_SHARE = 1e-3  # of its size: imaginary part of what does not swing
+UNSEEN_SHARE = 1e-6  # of the largest: modes that input or output do not see
 POINTS = 500
 
 
@@ -96,7 +93,7 @@ def swings(values: Complex) -> list[Swing]:
 
 
 def _swinging(values: Complex) -> NDArray[np.bool_]:
-    return np.asarray(np.abs(values.imag) > BODY_CONSTANTS * np.abs(values))
+    return np.asarray(np.abs(values.imag) > REAL_SHARE * np.abs(values))
 
 
 def _collocated(way: LoopResponse) -> str:
@@ -241,7 +238,7 @@ def _opposed(model: LinearModel) -> tuple[Swing, ...]:
     poles, residues = poles[order], residues[order]
     # of r / (s^2 + w^2) the residue at i w is r / (2 i w)
     strength = (2j * np.abs(poles) * residues).real
-    seen = np.abs(strength) > UNSEEN * np.abs(strength).max(initial=0.0)
+    seen = np.abs(strength) > UNSEEN_SHARE * np.abs(strength).max(initial=0.0)
     lowest = _rigid_strength(model)
     if lowest == 0.0 and seen.any():
         lowest = float(strength[seen][0])

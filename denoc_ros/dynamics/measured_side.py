@@ -21,7 +21,7 @@ from denoc_ros.model.tree import Tree
 from denoc_ros.types import Array
 
 
-class MeasuredRobot(Robot):
+class LinkEncoderRobot(Robot):
     """A robot without the springs behind which its joints are measured.
 
     Its `tree` is that of the whole robot, so that overrides reach the springs and the motors.
@@ -34,9 +34,9 @@ class MeasuredRobot(Robot):
 
 def measured_robot(robot: Robot) -> Robot:
     """Return the robot that its joint states describe: itself, unless some mean the link side."""
-    if isinstance(robot, MeasuredRobot) or seen_from_links(robot.tree) is robot.tree:
+    if isinstance(robot, LinkEncoderRobot) or seen_from_links(robot.tree) is robot.tree:
         return robot
-    seen = MeasuredRobot(robot.tree, robot.gravity, robot.geometric_stiffness)
+    seen = LinkEncoderRobot(robot.tree, robot.gravity, robot.geometric_stiffness)
     seen._take_payloads(robot)
     seen.move_base(robot.base_motion)
     return seen
@@ -44,7 +44,7 @@ def measured_robot(robot: Robot) -> Robot:
 
 def whole_robot(robot: Robot) -> Robot:
     """Return the robot with all its springs that :func:`measured_robot` has made another of."""
-    if not isinstance(robot, MeasuredRobot):
+    if not isinstance(robot, LinkEncoderRobot):
         return robot
     whole = Robot(robot.tree, robot.gravity, robot.geometric_stiffness)
     whole._take_payloads(robot)
@@ -113,7 +113,7 @@ class WholeCoordinates:
     """
 
     def __init__(self, robot: Robot) -> None:
-        seen = isinstance(robot, MeasuredRobot)
+        seen = isinstance(robot, LinkEncoderRobot)
         joints = robot.tree.joints.values()
         behind = [joint for joint in joints if seen and is_measured_behind(joint)]
         self.springs = [joint.spring for joint in behind if joint.spring is not None]
@@ -175,7 +175,7 @@ class MotorSide:
         self._at = np.array(
             [k for k, joint in enumerate(behind) if is_measured_behind(joint)], dtype=int
         )
-        motors = [behind[k] for k in self._at] if isinstance(robot, MeasuredRobot) else []
+        motors = [behind[k] for k in self._at] if isinstance(robot, LinkEncoderRobot) else []
         self._at = self._at[: len(motors)]
         self._springs = GearSprings([joint.spring for joint in motors if joint.spring])
         self._whole = WholeCoordinates(robot)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, NamedTuple
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 import scipy.linalg
@@ -14,9 +14,6 @@ from denoc_ros.dynamics.constraints import RANK, jacobian, least_solution, trans
 from denoc_ros.dynamics.derivatives import DifferentiableModel
 from denoc_ros.dynamics.validation import require_rotors
 from denoc_ros.types import Array
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
 
 
 class NaturalModes(NamedTuple):

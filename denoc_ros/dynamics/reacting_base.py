@@ -5,8 +5,6 @@ As the rest of the robot is moved, the robot keeps its momentum.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from denoc_ros.dynamics.floating_base import ATTITUDE, wrap_attitude
@@ -15,10 +13,6 @@ from denoc_ros.dynamics.rotations import left_jacobians, rotations
 from denoc_ros.errors import StateError
 from denoc_ros.model.overrides import with_held_base
 from denoc_ros.types import Array
-
-if TYPE_CHECKING:
-    from denoc_ros.dynamics.robot import Robot
-
 
 WRAP = 4.0  # rad: a rotation vector this long is brought back; at 2 pi its rates are singular
 

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.springs import with_motors
 from denoc_ros.kernels import constraint_layout, world
 from denoc_ros.kernels import layout as at_
 from denoc_ros.model.constraints import directions
 from denoc_ros.types import Array
-
-if TYPE_CHECKING:
-    from denoc_ros.dynamics.robot import Robot
 
 
 class Reactions(NamedTuple):

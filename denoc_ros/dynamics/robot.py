@@ -15,12 +15,7 @@ from denoc_ros.dynamics.batch import each_row
 from denoc_ros.dynamics.floating_base import ATTITUDE, wrap_attitude
 from denoc_ros.dynamics.linear_model import LinearModel
 from denoc_ros.dynamics.linearize import linearize as linear_model_about
-from denoc_ros.dynamics.parameter_columns import (
-    DIAGONAL_TERMS,
-    Column,
-    find_columns,
-    massless,
-)
+from denoc_ros.dynamics.parameter_columns import DIAGONAL_TERMS, Column, find_columns, massless
 from denoc_ros.dynamics.rotations import left_jacobians, rotation_vectors, rotations
 from denoc_ros.dynamics.sensor_values import SensorValues
 from denoc_ros.dynamics.tree_dynamics import TreeDynamics, Wrenches

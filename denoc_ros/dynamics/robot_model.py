@@ -9,12 +9,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from denoc_ros.dynamics.base_motion import (
-    AT_REST,
-    Base,
-    BaseMotion,
-    as_base_motion,
-)
+from denoc_ros.dynamics.base_motion import AT_REST, Base, BaseMotion, as_base_motion
 from denoc_ros.dynamics.section import AnySection
 from denoc_ros.dynamics.validation import as_vector, require_finite, require_rotors
 from denoc_ros.errors import SolverError, StateError

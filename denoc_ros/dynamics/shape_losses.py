@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,10 +10,8 @@ from denoc_ros.dynamics.robot import Robot
 from denoc_ros.model.overrides import with_overrides
 from denoc_ros.model.segments import WholeBeam, whole_beams
 from denoc_ros.model.shapes import merged_edges, panels
+from denoc_ros.model.tree import Beam, Deformation
 from denoc_ros.types import Array
-
-if TYPE_CHECKING:
-    from denoc_ros.model.tree import Beam, Deformation
 
 FINER = 8  # segments of a beam whose lowest frequencies are right to 1e-4
 CLAMPED = ('clamped-free', 'craig-bampton')  # shapes whose link frame is tangent to the root

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from denoc_ros.dynamics.batch import run_rows
 from denoc_ros.dynamics.constraints import raise_status
+from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import ModelError, StateError
 from denoc_ros.kernels.articulated import articulated_dynamics
 from denoc_ros.kernels.closing import advance_tied
@@ -19,10 +19,6 @@ from denoc_ros.kernels.driven_step import advance_driven, driven_torque, take_me
 from denoc_ros.kernels.handle import DAMPING, GOOD, MISFIT, NOT_FINITE, STIFFNESS
 from denoc_ros.kernels.step import ALONG_ROWS, STEP_ROWS, advance_along
 from denoc_ros.types import Array
-
-if TYPE_CHECKING:
-    from denoc_ros.dynamics.robot import Robot
-
 
 # steps of robots without constraints
 DRIVEN_KERNELS = (advance_driven, driven_torque, take_measurement)

@@ -3,20 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from denoc_ros.dynamics.floating_base import require_known_base
+from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.structure import sensor_rows
 from denoc_ros.errors import StateError
 from denoc_ros.kernels.handle import DAMPING, STIFFNESS
 from denoc_ros.types import Array
-
-if TYPE_CHECKING:
-    from denoc_ros.dynamics.robot import Robot
-
 
 POSTURES = 16  # at which dissipation is shown, the zero posture among them
 SEED = 1

@@ -6,10 +6,10 @@ import numpy as np
 import scipy.linalg
 
 from denoc_ros.dynamics.robot_model import RobotModel
+from denoc_ros.dynamics.rotations import cross_matrices
 from denoc_ros.dynamics.section import AnySection, ComponentSection, Section, SegmentedSection
 from denoc_ros.errors import StateError
 from denoc_ros.kernels import layout, world
-from denoc_ros.model.arrays import cross_matrix
 from denoc_ros.model.segments import WholeBeam, whole_beams
 from denoc_ros.model.tree import Sensor
 from denoc_ros.types import Array
@@ -127,12 +127,12 @@ def _blocks(robot: RobotModel, i: int) -> tuple[Array | None, Array]:
     six = np.eye(6, 6 + columns)  # twist of the section from that of its body
     if row[layout.SECTION] > 0:
         at = int(row[layout.SECTION_WORK])
-        six[:3, 3:6] = -cross_matrix(work[at : at + 3])
+        six[:3, 3:6] = -cross_matrices(work[at : at + 3])
         each = work[at + layout.COLUMNS : at + layout.COLUMNS + 6 * columns]
         six[:, 6:] = each.reshape(columns, 6).T
     at = int(row[layout.WORK])
     rotation = work[at : at + 9].reshape(3, 3)
-    arm = cross_matrix(work[at + layout.ARM : at + layout.ARM + 3])
+    arm = cross_matrices(work[at + layout.ARM : at + layout.ARM + 3])
     a = np.zeros((6 + modes, 6 + columns))
     a[:3] = rotation.T @ (six[:3] - arm @ six[3:])
     a[3:6] = rotation.T @ six[3:]

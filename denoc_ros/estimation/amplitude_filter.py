@@ -221,7 +221,8 @@ class AmplitudeFilter:
         self.covariance[:m, :m] = np.diag(energy / self.stiffness)
         shared = np.sqrt(energy)
         self.covariance[m : 2 * m, m : 2 * m] = shared[:, None] * self.mobility * shared
-        self.covariance[2 * m : 3 * m, 2 * m : 3 * m] = self._load_covariance(force)
+        error = np.hypot(self._error * force, self._floor)
+        self.covariance[2 * m : 3 * m, 2 * m : 3 * m] = error[:, None] * self._shape * error
         constants = slice(3 * m, self._shares.start)
         self.covariance[constants, constants] = np.diag(self._constants**2)
         self.covariance[self._shares, self._shares] = self._share_covariance()
@@ -237,10 +238,6 @@ class AmplitudeFilter:
     def shared(self, amplitudes: Array) -> Array:
         """Return the forces (m, m + loads) of which shares may be missing, at amplitudes (m,)."""
         return np.hstack((np.diag(self.stiffness * amplitudes), self.carried))
-
-    def _load_covariance(self, force: Array) -> Array:
-        deviation = np.hypot(self._error * force, self._floor)
-        return np.asarray(deviation[:, None] * self._shape * deviation)
 
     def predict(self, amplitudes: Array, rates: Array, steps: int = 1) -> None:
         """Let the covariance go on by some steps at amplitudes and rates (m,)."""

@@ -25,7 +25,7 @@ Value = tuple[float, int, float]  # stamp, place, value
 
 WAITING = 1024  # values at most that wait for the joints' motion up to their stamps
 WIDER, MOST_DOUBT = 3.0, 1000.0  # times the error at the start, each time a sensor is believed
-UNSEEN = 0.1  # of the error at the start that inertial sensors alone are to find
+INERTIAL_SHARE = 0.1  # of the error at the start that inertial sensors alone are to find
 CREEP = 0.1  # of a step, by which a sensor may come later with each value
 MOST_STEPS = 250  # a covariance older than this is started anew
 
@@ -154,7 +154,7 @@ class StrainFusion:
             robot.copy(),
             step,
             settings.model_error,
-            settings.initial_deflection * (1.0 if sensors else UNSEEN),
+            settings.initial_deflection * (1.0 if sensors else INERTIAL_SHARE),
             free,
             self.inertial.bias,
             steady=self.inertial.loads if self.inertial.names else None,
@@ -240,7 +240,11 @@ class StrainFusion:
             return
         self.filter.linearize(q)
         if self._bent is not None:
-            self._relinearize(self._bent, q)
+            # deflections of segments are not linear
+            rows = self._bent.beam_sensor_rows(q)
+            self._reading.shapes[:] = rows[:, self._flexible]
+            self._shift = self._bent.beam_sensor_values(q) - rows @ q
+            self._reading.constant[:] = self._shift
         if self._moments:
             self._find_moments(q, qd)
         while waiting and waiting[0][0] <= until:
@@ -274,12 +278,6 @@ class StrainFusion:
         behind, heard = self._behind.tolist(), self.heard.tolist()
         late = [lag for lag, at in zip(behind, heard, strict=True) if newest - at <= most]
         return max(late, default=0.0)
-
-    def _relinearize(self, robot: Robot, q: Array) -> None:
-        """Take the sensors' rows about a state (n,): deflections of segments are not linear."""
-        rows = robot.beam_sensor_rows(q)
-        self._reading.shapes[:] = rows[:, self._flexible]
-        self._reading.constant[:] = self._shift = robot.beam_sensor_values(q) - rows @ q
 
     def _find_moments(self, q: Array, qd: Array) -> None:
         """Find what gauges read beyond the shapes at the newest state (n,), and how it changes.

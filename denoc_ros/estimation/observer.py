@@ -69,7 +69,7 @@ class Observer:
         The tips' displacements from amplitudes.
     base : callable or None
         Motion of the base at a time on the clock of `tick` [s]; None, as at first: it is at rest.
-    springs : HiddenSprings
+    springs : GearSpringEstimator
         The springs behind which joints are measured.
     fusion : StrainFusion or None
         What takes the sensors' values in, if they are fused.
@@ -105,7 +105,7 @@ class Observer:
         self._equilibrium = Equilibrium(self.robot, self._free)
         self._filter = TrackingFilter(len(self._joints), settings.cutoff)
         self.deflections = TipDeflections(robot)
-        self.springs = HiddenSprings(self.robot, self.motion.joints, settings)
+        self.springs = GearSpringEstimator(self.robot, self.motion.joints, settings)
         self.q, self.qd, self.q_ahead, self.qd_ahead = np.zeros((4, robot.n))
         self._q, self._qd = np.zeros((2, robot.n))  # at the last measurement
         self._held = robot.held(robot.joint_indices)
@@ -462,7 +462,7 @@ class Observer:
             self._go(q, qd, stamp, lead, lambda _: self._filter.qdd, most=most)
 
     def modal_state(self, out: tuple[Array, Array]) -> None:
-        """Write the whole robot's coordinates and rates at `time`, as :class:`HiddenSprings`."""
+        """Write coordinates and rates of the whole robot at `time`: see GearSpringEstimator."""
         if not self.springs.hidden:
             out[0][:], out[1][:] = self.q, self.qd
             return
@@ -503,7 +503,7 @@ class Observer:
 State = tuple[Array, Array]
 
 
-class HiddenSprings:
+class GearSpringEstimator:
     """Estimates s and s' of the springs behind which joints are measured.
 
     Parameters
@@ -544,7 +544,7 @@ class HiddenSprings:
         """Forget all: the springs start at rest."""
         self._springs.reset()
 
-    def adopt(self, other: HiddenSprings) -> None:
+    def adopt(self, other: GearSpringEstimator) -> None:
         """Go on from the state of another robot's with the same joints."""
         self._springs.adopt(other._springs)
         self._ahead = other._ahead

@@ -25,7 +25,7 @@ from denoc_ros.estimation.tracking import TrackingFilter
 from denoc_ros.types import Array, Flags
 
 DEVIATIONS = 4.0  # width of the bounds in deviations of what is not known yet
-SILENT = 'no effort and no values of sensors'
+NOTHING_HEARD = 'no effort and no values of sensors'
 KNOWN = 0.5  # share of that deviation below which the data support a value
 STATIC = 0.2  # share of a channel's value that may be its offset at first
 DRIFT = 0.05  # of the offsets from block to block, as a share of the model's error
@@ -273,7 +273,10 @@ class ParameterTracker:
         levels = self._levels
         moved = levels.take(means.heard, means.gap, means.predicted, means.over_long, duration)
         usable = means.heard & levels.known
-        self._open_offsets(usable, means)
+        for channel in np.flatnonzero(usable & ~self._have_offsets).tolist():
+            deviation = math.hypot(means.gap[channel], STATIC * means.predicted[channel])
+            self._filter.open_offset(channel, deviation + 3.0 * levels.noise[channel])
+            self._have_offsets[channel] = True
         free = self._excitation.take(moved[usable], levels.noise[usable], duration)
         self.moving = np.sum(free**2, axis=1) > 0.5
         self._explain(means.heard, usable)
@@ -288,15 +291,9 @@ class ParameterTracker:
         self._publish(duration)
         self.blocks += 1
 
-    def _open_offsets(self, usable: Flags, means: BlockMeans) -> None:
-        for channel in np.flatnonzero(usable & ~self._have_offsets).tolist():
-            deviation = math.hypot(means.gap[channel], STATIC * means.predicted[channel])
-            self._filter.open_offset(channel, deviation + 3.0 * self._levels.noise[channel])
-            self._have_offsets[channel] = True
-
     def _explain(self, heard: Flags, usable: Flags) -> None:
         if not heard.any():
-            self.cause = SILENT
+            self.cause = NOTHING_HEARD
         elif not usable.any():
             self.cause = 'the noise is not known yet'
         else:

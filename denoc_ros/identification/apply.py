@@ -160,18 +160,12 @@ def compare_results(results: Sequence[Mapping[str, Any]]) -> list[ComparedMode]:
     groups: list[list[tuple[int, Mapping[str, Any]]]] = []
     for run, mode in found:
         last = groups[-1] if groups else []
-        if last and _is_same(last, run, mode):
+        same = last and np.log(mode['frequency_hz'] / last[-1][1]['frequency_hz']) < SAME_MODE
+        if same and run not in {other for other, _ in last}:
             last.append((run, mode))
         else:
             groups.append([(run, mode)])
     return [_compared(group) for group in groups]
-
-
-def _is_same(
-    group: Sequence[tuple[int, Mapping[str, Any]]], run: int, mode: Mapping[str, Any]
-) -> bool:
-    step = np.log(mode['frequency_hz'] / group[-1][1]['frequency_hz'])
-    return bool(step < SAME_MODE and run not in {other for other, _ in group})
 
 
 def _compared(group: Sequence[tuple[int, Mapping[str, Any]]]) -> ComparedMode:

@@ -44,7 +44,7 @@ HEAVY = 0.05  # damping ratio from which on neighbours are looked at
 COMPARABLE_NEIGHBOUR = 0.1  # of its amplitude: smaller neighbours do not count
 CYCLES = 0.75  # in the record: less is part of the drift
 SEEN = 3.5  # time constants that a mode is seen for: 0.1 % of its energy is left
-NEAR = 2.0  # over the time that both of two modes are seen for [Hz]: maybe they are one
+NEAR_CYCLES = 2.0  # over the time that both of two modes are seen for [Hz]: maybe they are one
 DRIFT_LEAVES = 0.02  # of a group's energy
 AS_LONG = 3.0  # times the time constant of what is no free decay
 COMPARABLE = 0.05  # of the larger amplitude: a smaller one is no part of one mode
@@ -209,8 +209,8 @@ def later_start_differs(t: Array, fit: Damped, span: float, k: int) -> str:
 def _difference(t: Array, pole: Array, again: Damped, place: int, late: float) -> str:
     found = again.poles[place]
     change = found - pole
-    block = slice(2 * place, 2 * place + 2)
-    covariance = again.covariance()[block, block] * _widening(t, again, place) ** 2
+    block, span = slice(2 * place, 2 * place + 2), float(t[-1] - t[0])
+    covariance = again.covariance()[block, block] * _excess(t - t[0], again, span, place) ** 2
     covariance += 1e-18 * np.eye(2) * float(pole @ pole)
     distance = float(change @ np.linalg.solve(covariance, change))
     if distance < SURPRISING or np.hypot(*change) < LARGE * pole[0]:
@@ -220,13 +220,6 @@ def _difference(t: Array, pole: Array, again: Damped, place: int, late: float) -
         f'no free decay from the start of the window: {1e3 * late:.3g} ms later it is '
         f'{rate / (2.0 * np.pi):.4g} Hz with a damping ratio of {found[0] / rate:.3g}'
     )
-
-
-def _widening(t: Array, fit: Damped, k: int) -> float:
-    if not coloured(fit.residual) or fit.variance == 0.0:
-        return 1.0
-    local = local_variance(t - t[0], fit.residual, float(t[-1] - t[0]), *fit.poles[k])
-    return float(np.sqrt(max(local / fit.variance, 1.0)))
 
 
 def overlapping(poles: Array, size: Array, k: int) -> str:
@@ -411,7 +404,7 @@ def _chains(fit: Damped, groups: list[list[int]], span: float) -> list[list[list
         if last is not None:
             fastest = max(fit.poles[last, 0], fit.poles[group[0], 0], 1e-12)
             seen = min(SEEN / fastest, span)
-            if _apart(fit, last, group[0]) < NEAR / seen:
+            if _apart(fit, last, group[0]) < NEAR_CYCLES / seen:
                 chains[-1].append(group)
                 continue
         chains.append([group])

@@ -204,7 +204,8 @@ def _fit(record: Record, quality: Quality) -> tuple[Mask, Damped]:
     seen = np.ones(t.size, bool)
     if quality.clipped.any() or _beyond(record, outside, t, fit):
         seen = _inside_limits(record, ~outside, t, fit)
-    return seen, refined_cosines(_search(record, t, seen, levels), fit.poles)
+    search = _search(record, t, seen, levels)
+    return seen, _pruned(search, _grown(search, search.fit(fit.poles)))
 
 
 def _repeated_extremes(y: Array) -> Mask:
@@ -394,11 +395,6 @@ def search_cosines(search: Search) -> Damped:
     if not _same(first, second):  # what grew no further from these poles will not do so again
         second = _grown(search, second)
     return _pruned(search, min(first, second, key=search.criterion))
-
-
-def refined_cosines(search: Search, poles: Array) -> Damped:
-    """Refine the fit from these poles: add components while the residual asks for them."""
-    return _pruned(search, _grown(search, search.fit(poles)))
 
 
 def _same(one: Damped, other: Damped) -> bool:

@@ -31,11 +31,7 @@ from denoc_ros.model.inertia import (
     largest_polar_inertia,
     moved,
 )
-from denoc_ros.model.segments import (
-    critical_damping,
-    segment_shapes,
-    segment_torsion_shapes,
-)
+from denoc_ros.model.segments import critical_damping, segment_shapes, segment_torsion_shapes
 from denoc_ros.model.shapes import (
     ShapeFunctions,
     merged_edges,

@@ -18,7 +18,7 @@ from denoc_ros.types import Array
 
 ATTRIBUTES = ('link', 'file', 'stiffness', 'damping_ratio', 'damping', 'inertial')
 INERTIALS = ('urdf', 'file')  # whose mass and inertia the link has
-NEAR = 1e-6  # of the link's size: as near as a frame must be to be found by its place
+PLACE_TOLERANCE = 1e-6  # of the link's size: as near as a frame must be to be found by its place
 SAME_MASS = 1e-6  # of the link's: a mass that differs by less is that of the <inertial>
 ASIDE = 1e-3  # of the link's size: farther, a frame is not where its joint is
 
@@ -170,7 +170,7 @@ def find_frame(link: ReducedLink, origin: Array, names: Collection[str]) -> str 
         if name in link.frames:
             return name
     place = origin[:3, 3]
-    near = NEAR * _size(link)
+    near = PLACE_TOLERANCE * _size(link)
     if float(np.linalg.norm(place)) <= near:
         return ''
     found = (n for n, at in link.frames.items() if np.linalg.norm(at.origin - place) <= near)

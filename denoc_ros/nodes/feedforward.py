@@ -78,7 +78,10 @@ class FeedforwardNode(RobotNode):
     def prepare(self) -> None:
         """Build the torque, its guards, and all messages; run each once."""
         settings = self.settings
-        self.require_twist()
+        source = settings.text('base_motion')
+        if self.drifts and source not in TWISTS:  # what tells how the base turns
+            rule = f"must be one of {', '.join(TWISTS)} where 'base' is drifting, got {source!r}"
+            raise self.config_error(f"parameter 'base_motion' {rule}")
         self.joints = self.driven_joints(settings)
         n = len(self.joints)
         try:
@@ -105,8 +108,9 @@ class FeedforwardNode(RobotNode):
             settings.flag('publish_joint_trajectory'),
             self._impedance(settings),
         )
-        floating = self.floating_robot(settings)
-        self.wrench = None if floating is None else BaseWrench(self, floating)
+        self.wrench = None
+        if self.floating is not None and self.flies:  # thrusters hold it
+            self.wrench = BaseWrench(self, self.floating.robot(settings.family(*FAMILIES)))
         self._reader = JointStateReader(
             self.joints,
             settings.flag('allow_extra_joints'),
@@ -176,25 +180,6 @@ class FeedforwardNode(RobotNode):
         """Whether the base's motion is measured, or none."""
         return self.flies or (self.settings.text('base_motion') != 'off' and not self.drifts)
 
-    def require_twist(self) -> None:
-        """Refuse a base that drifts where nothing measures how it turns.
-
-        Raises
-        ------
-        ConfigError
-            With what may.
-        """
-        source = self.settings.text('base_motion')
-        if self.drifts and source not in TWISTS:
-            rule = f"must be one of {', '.join(TWISTS)} where 'base' is drifting, got {source!r}"
-            raise self.config_error(f"parameter 'base_motion' {rule}")
-
-    def floating_robot(self, settings: Settings) -> Robot | None:
-        """Return the robot whose base would float, if thrusters hold it."""
-        if self.floating is None or not self.flies:
-            return None
-        return self.floating.robot(settings.family(*FAMILIES))
-
     @property
     def in_hurry(self) -> bool:
         """Whether a loop in real time waits for the model."""
@@ -211,18 +196,15 @@ class FeedforwardNode(RobotNode):
         self.feedback.build(robot, self.joints, settings, limits, posture, patience)
         if self.feedback.state.wanted and not self._watches:
             self._watches = True
-            self.create_timer(WATCH_PERIOD, self._watch_beside, clock=self.steady_clock)
+            # ticks of simulated time watch by themselves: they wait for the gains
+            if not self.clock.is_simulated:
+                self.create_timer(WATCH_PERIOD, self._watch, clock=self.steady_clock)
 
     def follow_clock(self) -> None:
         """Look at the time; who answers messages does not hold it."""
         super().follow_clock()
         if self.by_message and self.progress is not None and self.state == 'active':
             self.progress.tell(math.inf)
-
-    def _watch_beside(self) -> None:
-        """Watch, unless the ticks of simulated time do: then they wait for the gains."""
-        if not self.clock.is_simulated:
-            self._watch()
 
     def _watch(self) -> None:
         """Show the feedback the motion to come."""

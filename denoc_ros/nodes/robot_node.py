@@ -201,16 +201,11 @@ class ModelNode(DenocNode):
             )
         return given or free
 
-    def require_configured(self, why: str) -> None:
-        """Refuse a request that needs a robot while there is none.
-
-        Raises
-        ------
-        ConfigError
-            The node is not configured.
-        """
+    def require_configured(self) -> None:
+        """Raise ConfigError where there is no robot yet whose model could be read again."""
         if not self.is_configured:
-            raise ConfigError(self.get_name(), [f'the node must be configured {why}'])
+            rule = 'the node must be configured to reload its model'
+            raise ConfigError(self.get_name(), [rule])
 
     def require_coordinates(self, robot: Robot) -> None:
         """Refuse a changed robot that has other coordinates.
@@ -424,7 +419,7 @@ class RobotNode(ModelNode):
 
     def reload(self) -> str:
         """Read the robot again, as `~/reload_model` asks for."""
-        self.require_configured('to reload its model')
+        self.require_configured()
         model = self.read_model(self.settings)
         robot = self.changed_robot(self.settings, model)
         self.take_robot(robot, self.settings)

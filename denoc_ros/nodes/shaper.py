@@ -65,7 +65,7 @@ STOP_MARGIN = 0.1  # s from a stop to the first change of the motion, at most
 OWN_ROWS = 100  # of a motion, to find its largest accelerations and torques
 WITHIN = 1.01  # times a limit that a braking may take
 ROUNDING = 1e-9  # rad/s^2 or m/s^2
-NEAR = 5e-3  # rad or m beside where a stop ended that a motion may begin
+STOP_TOLERANCE = 5e-3  # rad or m beside where a stop ended that a motion may begin
 # one whole motion after the other must not lose the first
 REFERENCE = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
 
@@ -207,7 +207,7 @@ class ShaperNode(RobotNode):
             return
         away = np.abs(message.positions[0] - stopped)
         away[list(message.held)] = 0.0
-        if (far := float(away.max())) > NEAR:
+        if (far := float(away.max())) > STOP_TOLERANCE:
             there = ', '.join(f'{q:.4f}' for q in stopped)
             raise InputError(
                 'not_at_start',
@@ -486,7 +486,7 @@ class ShaperNode(RobotNode):
 
     def reload(self) -> str:
         """Read robot and table of modes again, and have the planner load them."""
-        self.require_configured('to reload its model')
+        self.require_configured()
         before, self._table = self._table, mode_table(self.settings)
         try:
             answer = super().reload()

@@ -5,7 +5,6 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Collection, Mapping, Sequence
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -97,7 +96,10 @@ class PolledInputs:
     def _subscribed(self, topic: str) -> Input:
         monitor = self._monitors[topic]
         monitor.reset()
-        handle = partial(self._hand_on, topic, monitor)
+
+        def handle(raw: bytes, arrived: float) -> None:
+            self._take(topic, raw, lambda stamp_ns: monitor.accept(stamp_ns, arrived))
+
         name, kind = self._names[topic], self._topics[topic]
         return Input(self._node, kind, name, handle, NEWEST, monitor)
 
@@ -121,13 +123,6 @@ class PolledInputs:
         self._node.destroy_node()
         for monitor in self._monitors.values():
             self._owner.monitors.remove(monitor)
-
-    def _hand_on(self, topic: str, monitor: InputMonitor, raw: bytes, arrived: float) -> None:
-        self._take(topic, raw, partial(_admit, monitor, arrived))
-
-
-def _admit(monitor: InputMonitor, arrived: float, stamp_ns: int) -> None:
-    monitor.accept(stamp_ns, arrived)
 
 
 class ViewerNode(ModelNode):

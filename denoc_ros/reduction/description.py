@@ -143,11 +143,6 @@ def _meshes(link: Element, folder: Path) -> tuple[list[tuple[Path, Array, Array]
     return found, lost
 
 
-def block_element(link: str, file: str, inertial: str = 'file') -> Element:
-    """Return `<flexible>` for a link whose mass is that of the file, or of its `<inertial>`."""
-    return etree.Element('flexible', link=link, file=file, inertial=inertial)
-
-
 def with_block(file: Path, described: LinkDescription, link_file: str) -> str:
     """Return a URDF's text with the link made flexible.
 
@@ -165,7 +160,8 @@ def with_block(file: Path, described: LinkDescription, link_file: str) -> str:
     block = root.find('flexibility')
     if block is None:
         block = appended(root, etree.Element('flexibility'), 0)
-    element = block_element(link, link_file, 'file' if described.beam is None else 'urdf')
+    inertial = 'file' if described.beam is None else 'urdf'  # whose mass it has
+    element = etree.Element('flexible', link=link, file=link_file, inertial=inertial)
     beams = [each for each in block.findall('beam') if each.get('link') == link]
     if not beams:
         appended(block, element, 1)

@@ -10,13 +10,7 @@ import numpy as np
 
 from denoc_ros.bags.joint_state import JOINT_STATE
 from denoc_ros.bags.reader import STAMP, BagContents, Stamp, bag_contents, require_stamp
-from denoc_ros.bags.series import (
-    ODOMETRY,
-    JointSeries,
-    find_topic,
-    joint_state_blocks,
-    renamed,
-)
+from denoc_ros.bags.series import ODOMETRY, JointSeries, find_topic, joint_state_blocks, renamed
 from denoc_ros.dynamics.deflection import TipDeflections
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import BagError, ConfigError, StateError

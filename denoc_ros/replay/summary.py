@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from denoc_ros.output_files import plain
 from denoc_ros.replay.adaptation import NORMAL, Adapted
 from denoc_ros.replay.agreement import Agreement
 from denoc_ros.replay.bag import Replay
@@ -92,9 +92,9 @@ def _friction(joints: Sequence[str], fit: FrictionFit) -> dict[str, dict[str, An
         values = zip(TERMS, vars(fit.friction).values(), strict=True)
         row: dict[str, Any] = {term: float(value[k]) for term, value in values}
         for kind, errors in (('formal', fit.formal), ('by_window', fit.by_window)):
-            row[f'standard_error_{kind}'] = dict(zip(TERMS, map(_number, errors[k]), strict=True))
+            row[f'standard_error_{kind}'] = dict(zip(TERMS, map(plain, errors[k]), strict=True))
         for measure in ('rms_before', 'rms_after', 'explained'):
-            row[measure] = _number(getattr(fit, measure)[k])
+            row[measure] = plain(getattr(fit, measure)[k])
         rows[joint] = row
     return rows
 
@@ -105,7 +105,7 @@ def _adapted(found: Adapted) -> dict[str, Any]:
     half = NORMAL * found.deviations
     numbers = {}
     for k, path in enumerate(found.paths):
-        last = _number(half[-1, k]) if len(half) else None
+        last = plain(half[-1, k]) if len(half) else None
         numbers[path] = {
             'start': float(found.start[k]),
             'bounds': found.bounds[k].tolist(),
@@ -126,8 +126,4 @@ def _adapted(found: Adapted) -> dict[str, Any]:
 
 
 def _by_name(names: Sequence[str], values: NDArray[Any]) -> dict[str, float | None]:
-    return dict(zip(names, map(_number, values), strict=True))
-
-
-def _number(value: Any) -> float | None:
-    return float(value) if math.isfinite(value) else None
+    return dict(zip(names, map(plain, values), strict=True))

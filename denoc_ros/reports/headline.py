@@ -14,7 +14,7 @@ from denoc_ros.reports.sections import Units, without_folders
 from denoc_ros.units import deflection_unit
 
 WRONG = 20.0  # % of its peak from which on a predicted deflection is no good
-UNSEEN = 1e-4  # m or rad: an error that is less does not matter, whatever it is a share of
+SMALLEST_ERROR = 1e-4  # m or rad: an error that is less does not matter, whatever it is a share of
 
 
 def cards(
@@ -132,7 +132,7 @@ def _wrong(phases: Sequence[PhaseMeasures]) -> str:
     for phase in phases:
         for entry in phase.deflections:
             error = deflection_error(entry)
-            if error and error['rms'] > UNSEEN and error['percent_of_peak'] > WRONG:
+            if error and error['rms'] > SMALLEST_ERROR and error['percent_of_peak'] > WRONG:
                 which = f'{entry.name}, {phase.name}' if len(phases) > 1 else entry.name
                 found.append((error['percent_of_peak'], which))
     return f'{max(found)[0]:.2g} % of its peak ({max(found)[1]})' if found else ''

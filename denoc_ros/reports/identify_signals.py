@@ -86,7 +86,10 @@ def decay_text(document: Mapping[str, Any]) -> str:
     for mode in document['modes']:
         name = f'{mode["frequency_hz"]:.4g} Hz'
         notes += [f'{name}: {reason}' for reason in mode['reasons']]
-        notes += [f'{name}, {check["method"]}: {_check_text(check)}' for check in mode['checks']]
+        for check in mode['checks']:
+            zeta = check['damping_ratio']
+            found = ['' if zeta is None else f'zeta {zeta:.4g}', check['reason']]
+            notes.append(f'{name}, {check["method"]}: {", ".join(filter(None, found))}')
         if one := mode.get('coefficient'):
             notes.append(
                 f'{name}: {one["value"]:.4g} {one["unit"]} of {one["of"]} ({one["scaling"]}), '
@@ -99,11 +102,6 @@ def decay_text(document: Mapping[str, Any]) -> str:
     if note := document.get('model', {}).get('left_out'):
         notes.append(f'coefficients left out: {note}')
     return result_text(document, head, text_table(rows), notes)
-
-
-def _check_text(check: Mapping[str, Any]) -> str:
-    found = [] if check['damping_ratio'] is None else [f'zeta {check["damping_ratio"]:.4g}']
-    return ', '.join([*found, *filter(None, [check['reason']])])
 
 
 def _decay(analysis: DecayAnalysis) -> PageSection:

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import BagError
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from denoc_ros.dynamics.robot import Robot
 
 EARTH = (0.0, 0.0, -9.81)  # m/s^2, where nothing is said
 FORMATS = ('.mcap', '.db3', '.csv', '.tsv', '.txt', '.dat', '.mat', '.json')

@@ -97,7 +97,7 @@ def tracking(phases: Sequence[PhaseMeasures], units: Units) -> PageSection | Non
         'Reference minus measured position of each joint. A feedforward of the flexible model '
         'makes the joints follow: the links still swing, and the tip with them.',
         [line_figure(panels)],
-        [PageTable(_compared_head([name for name, _ in errors], 'joint'), rows)],
+        [PageTable(_compared_head([name for name, _ in errors]), rows)],
     )
 
 
@@ -167,7 +167,7 @@ def torque(phases: Sequence[PhaseMeasures], units: Units) -> PageSection | None:
         panels = [_beside(panel, phases[0].effort) for panel in panels]
         text = 'What the feedforward node computed, and the effort measured beside it.'
     torques = [(name, series) for _, name, series in shown]
-    head = _compared_head([name for name, _ in torques], 'joint')
+    head = _compared_head([name for name, _ in torques])
     return PageSection(
         title, text, [line_figure(panels)], [PageTable(head, _compared(torques, units.effort))]
     )
@@ -280,10 +280,10 @@ def _by_column(
     ]
 
 
-def _compared_head(names: Sequence[str], first: str) -> list[str]:
+def _compared_head(names: Sequence[str]) -> list[str]:
     """Return the heading of a table of rms and largest value, phase beside phase."""
     of = [f'{name}: ' for name in names] if len(names) > 1 else ['']
-    return [first, *(f'{name}{what}' for name in of for what in ('rms', 'largest'))]
+    return ['joint', *(f'{name}{what}' for name in of for what in ('rms', 'largest'))]
 
 
 def _compared(

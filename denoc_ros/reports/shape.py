@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from denoc_ros.control.asked_motion import AskedMotion
-from denoc_ros.control.carried_out import CarriedOut, DrivenMotion, carry_out, planned
 from denoc_ros.control.plan import LimitUse, Plan
+from denoc_ros.control.plan_simulation import JointLaw, carry_out, planned
 from denoc_ros.control.shape import tip_frames
 from denoc_ros.control.shaped_samples import rest_spline
 from denoc_ros.dynamics.robot import Robot
@@ -123,15 +123,12 @@ class _Judge:
     def track(self, robot: Robot, shaped: bool) -> Tracked:
         """Return the run of the plan, or of the motion as it was asked for."""
         plan = self._plan
-        motion: DrivenMotion = planned(plan, plan.joint_names) if shaped else self.asked
+        motion: JointLaw = planned(plan, plan.joint_names) if shaped else self.asked
         end = max(self._last, float(plan.t[-1])) + self._tail
         times: Array = np.linspace(min(float(plan.t[0]), self._first), end, ROWS)
         run = carry_out(robot, motion, plan.joint_names, self._near, times)
         apart = run.tip(robot, self.frame) - self._positions(times)
         stop = max(self._last, float(plan.t[-1])) if shaped else self._last
-        return self._tracked(robot, run, apart, stop)
-
-    def _tracked(self, robot: Robot, run: CarriedOut, apart: Array, stop: float) -> Tracked:
         moving = (run.t >= self._first) & (run.t <= stop)
         swing = run.swing(robot, self.frame, stop)
         return Tracked(run.t, np.linalg.norm(apart, axis=1), moving, swing)

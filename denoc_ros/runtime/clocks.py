@@ -10,7 +10,7 @@ from collections.abc import Callable
 from time import perf_counter
 
 TRIES = 4
-NEAR = 2e-5  # s between two readings that count as the same moment
+SAME_MOMENT = 2e-5  # s between two readings that count as the same moment
 COMPARED = 0.01  # s for which the distance of the steady clock and the system's is taken as known
 ORIGINS = (1 << 20) * 1_000_000_000  # ns between origins: a float has the moments to 0.1 ns
 FARTHEST = 10_000_000_000  # ns that a clock may be ahead of the moment at hand and be caught up
@@ -144,7 +144,7 @@ def at_once(now_ns: Callable[[], int]) -> tuple[float, int]:
     before, shown, after = perf_counter(), now_ns(), perf_counter()
     best, moment = after - before, 0.5 * (before + after)
     tries = 1
-    while best >= NEAR and tries < TRIES:
+    while best >= SAME_MOMENT and tries < TRIES:
         before, reading, after = perf_counter(), now_ns(), perf_counter()
         tries += 1
         if after - before < best:

@@ -124,7 +124,8 @@ class JointStateReader:
         self._layout: JointStateLayout | None = None  # of the last message
         self._fields: list[str] = []  # that it has, and where their values are
         self._places: NDArray[np.intp] = np.zeros((0, n), dtype=np.intp)
-        self._unbounded = unbounded(n)
+        # within which any number is
+        self._unbounded = np.outer((-np.inf, np.inf, -np.inf, np.inf), np.ones(n))
         self._taker: NumberTaker | None = None
         ready(take_numbers)
 
@@ -294,11 +295,6 @@ class NumberTaker:
         return self._take(self._address, raw)
 
 
-def unbounded(joints: int) -> Array:
-    """Return bounds (4, joints) of a state that any number is within."""
-    return np.outer((-np.inf, np.inf, -np.inf, np.inf), np.ones(joints))
-
-
 def joint_names(raw: bytes) -> tuple[str, ...]:
     """Return the names of a JointState message; InputError `malformed` where there are none."""
     return read_names(MessageReader(raw))
@@ -310,12 +306,12 @@ def is_torque(values: Array) -> bool:
     return all(map(le, map(abs, values.tolist()), repeat(LARGEST_EFFORT)))
 
 
-def require_effort(what: str, values: Array) -> None:
+def require_effort(values: Array) -> None:
     """Refuse efforts (n,) [N m or N] that no robot has."""
     largest = max(map(abs, values.tolist()), default=0.0)
     if largest > LARGEST_EFFORT:
         raise InputError(
-            'out_of_range', f'{what} must be within {LARGEST_EFFORT:g} N m or N, got {largest:g}'
+            'out_of_range', f'data must be within {LARGEST_EFFORT:g} N m or N, got {largest:g}'
         )
 
 
@@ -368,10 +364,10 @@ class CommandReader:
         if self._numbers > 1:
             require_finite('data', values)
             values = values.reshape(-1, self._numbers)
-            require_effort('data', values[:, -1])
+            require_effort(values[:, -1])
         elif not is_torque(values):
             require_finite('data', values)
-            require_effort('data', values)
+            require_effort(values)
         result = np.zeros_like(self.values)
         result[self._map] = values
         self.values = result

@@ -8,16 +8,16 @@ from denoc_ros.control.feedback_settings import FeedbackSettings
 from denoc_ros.dynamics.feedforward import MODELS
 from denoc_ros.runtime.parameters import ParameterTable, SettingsParameters
 from denoc_ros.runtime.shared_parameters import (
+    AUTOSTART,
+    BASE,
     EXTRA_JOINTS,
-    base_parameters,
-    input_parameters,
-    lifecycle_parameters,
-    loop_parameters,
-    range_parameters,
-    robot_parameters,
+    INPUTS,
+    LOOP,
+    RANGES,
+    ROBOT,
 )
 from denoc_ros.runtime.torque import STALE_ACTIONS
-from denoc_ros.settings import Kind, Parameter, declared, parameter
+from denoc_ros.settings import Kind, declared, parameter
 
 FEEDBACK = SettingsParameters(
     FeedbackSettings,
@@ -31,73 +31,14 @@ FEEDBACK = SettingsParameters(
 )
 
 
-def feedback_parameters() -> tuple[Parameter, ...]:
-    """Return the rows of damping by strain and of state feedback."""
-    return (*_strain_parameters(), *_state_parameters())
-
-
-def _state_parameters() -> tuple[Parameter, ...]:
-    return (
-        parameter(
-            'feedback.state',
-            'off',
-            'lqr: torque against the deviation of all coordinates from the plan, estimated '
-            'from joints and sensors; refused unless stable with stiffness and load 20 % off, and '
-            'with other modes of the links',
-            choices=('off', 'lqr'),
-            live=True,
-        ),
-        parameter('feedback.tip', '', 'frame to keep on the plan; empty: the last', live=True),
-        parameter(
-            'feedback.delay',
-            1.5,  # sampling, transport and half a hold
-            'state feedback: delay from a measurement to the torque that responds to it',
-            'periods',
-            0.0,
-            50.0,
-            live=True,
-        ),
-        *FEEDBACK.rows(),
-    )
-
-
-def _strain_parameters() -> tuple[Parameter, ...]:
-    return (
-        parameter(
-            'feedback.strain_gain',
-            Kind.DOUBLES,
-            'damping torque per strain rate, for each driven joint from a gauge on the link '
-            'behind it; empty: off. Refused unless it dissipates power in every mode of the '
-            'model',
-            'N m s, N s',
-            0.0,
-        ),
-        parameter(
-            'feedback.strain_limit',
-            0.2,
-            'largest damping torque, as a share of the effort limit',
-            '',
-            0.0,
-            1.0,
-        ),
-        parameter(
-            'feedback.cutoff',
-            50.0,
-            'bandwidth of the filter that computes the strain rate',
-            'Hz',
-            positive=True,
-        ),
-    )
-
-
 TABLE = ParameterTable(
     [
-        *lifecycle_parameters(),
-        *robot_parameters(),
-        *loop_parameters(),
-        *input_parameters(),
-        *base_parameters(),
-        *range_parameters(),
+        AUTOSTART,
+        *ROBOT,
+        *LOOP,
+        *INPUTS,
+        *BASE,
+        *RANGES,
         parameter(
             'joints',
             Kind.STRINGS,
@@ -196,7 +137,50 @@ TABLE = ParameterTable(
         parameter(
             'max_delta_tau', math.inf, 'largest change of torque per tick', 'N m, N', positive=True
         ),
-        *feedback_parameters(),
+        parameter(
+            'feedback.strain_gain',
+            Kind.DOUBLES,
+            'damping torque per strain rate, for each driven joint from a gauge on the link '
+            'behind it; empty: off. Refused unless it dissipates power in every mode of the '
+            'model',
+            'N m s, N s',
+            0.0,
+        ),
+        parameter(
+            'feedback.strain_limit',
+            0.2,
+            'largest damping torque, as a share of the effort limit',
+            '',
+            0.0,
+            1.0,
+        ),
+        parameter(
+            'feedback.cutoff',
+            50.0,
+            'bandwidth of the filter that computes the strain rate',
+            'Hz',
+            positive=True,
+        ),
+        parameter(
+            'feedback.state',
+            'off',
+            'lqr: torque against the deviation of all coordinates from the plan, estimated '
+            'from joints and sensors; refused unless stable with stiffness and load 20 % off, and '
+            'with other modes of the links',
+            choices=('off', 'lqr'),
+            live=True,
+        ),
+        parameter('feedback.tip', '', 'frame to keep on the plan; empty: the last', live=True),
+        parameter(
+            'feedback.delay',
+            1.5,  # sampling, transport and half a hold
+            'state feedback: delay from a measurement to the torque that responds to it',
+            'periods',
+            0.0,
+            50.0,
+            live=True,
+        ),
+        *FEEDBACK.rows(),
         parameter(
             'publish_joint_trajectory',
             False,

@@ -120,7 +120,8 @@ class GainWorker:
             return
         task, self._waiting = self._waiting, None
         self._solving = task
-        self._submit(task.model, task.job)
+        header, arrays = task.job.message()
+        self.planner.submit({**header, 'robot': task.model.source}, arrays, LIMIT)
 
     def await_design(self, patience: float) -> None:
         """Wait for the design in work, for some time [s]; whether it is made is told by `busy`.
@@ -146,10 +147,6 @@ class GainWorker:
         """Take the design made since the last call: None in place of refused gains."""
         made, self._made = self._made, None
         return made
-
-    def _submit(self, model: FeedbackModel, job: GainJob) -> None:
-        header, arrays = job.message()
-        self.planner.submit({**header, 'robot': model.source}, arrays, LIMIT)
 
     def _finish(self, answer: Answer) -> None:
         task, self._solving = self._solving, None

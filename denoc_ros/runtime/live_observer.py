@@ -10,9 +10,9 @@ from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import ConfigError
 from denoc_ros.estimation.fusion import StrainFusion
 from denoc_ros.estimation.observer import Observer
-from denoc_ros.estimation.parameter_tracker import SILENT, ParameterTracker
+from denoc_ros.estimation.parameter_tracker import NOTHING_HEARD, ParameterTracker
 from denoc_ros.estimation.tracked_model import BaseAt
-from denoc_ros.estimation.tracker_settings import TrackerSettings, tracked_paths
+from denoc_ros.estimation.tracker_settings import tracked_paths
 from denoc_ros.runtime.parameters import Settings
 from denoc_ros.runtime.predictor_parameters import FUSION, OBSERVER, TRACKER
 from denoc_ros.runtime.status import WARN, Status
@@ -103,7 +103,9 @@ class Adaptation:
             return
         try:
             paths = tracked_paths(robot, patterns)
-            how = robot, paths, _tracker_settings(settings), _bounds(settings, paths), joints
+            lag = min(settings.number('joint_state_timeout'), LONGEST_LAG)
+            tuned = TRACKER.read(settings, lag=lag)
+            how = robot, paths, tuned, _bounds(settings, paths), joints
             _rehearse(ParameterTracker(*how), len(joints), len(robot.tree.sensors))
             self.tracker = ParameterTracker(*how)
         except ConfigError as error:
@@ -168,8 +170,8 @@ class Adaptation:
             'restarts': tracker.restarts,
             'model_failures': tracker.failures,
         }
-        if tracker.cause == SILENT:
-            status.worsen(WARN, f'no value changes: {SILENT}')
+        if tracker.cause == NOTHING_HEARD:
+            status.worsen(WARN, f'no value changes: {NOTHING_HEARD}')
         if ends:
             status.worsen(WARN, f'at the end of its bounds: {", ".join(ends)}')
         return status
@@ -183,10 +185,6 @@ def _rehearse(tracker: ParameterTracker, joints: int, sensors: int) -> None:
         for place in range(sensors):
             tracker.sense(place, k * settings.step, 0.0)
         tracker.measure(k * settings.step, still, still, still)
-
-
-def _tracker_settings(settings: Settings) -> TrackerSettings:
-    return TRACKER.read(settings, lag=min(settings.number('joint_state_timeout'), LONGEST_LAG))
 
 
 def _bounds(settings: Settings, paths: Sequence[str]) -> Bounds:

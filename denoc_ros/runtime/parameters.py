@@ -17,7 +17,7 @@ from denoc_ros.yaml_text import read_yaml_file
 
 T = TypeVar('T')
 VALUES = 'ros__parameters'
-WILD = ('*', '**')
+WILDCARDS = ('*', '**')
 FLAGS = ('--params-file', '-p', '--param')
 
 
@@ -216,7 +216,7 @@ def shared_names(arguments: Sequence[str], node: str) -> set[str]:
             continue
         for pattern, names in _sections(value):
             if _matches(pattern, node):
-                (shared if pattern[-1] in WILD else own).update(names)
+                (shared if pattern[-1] in WILDCARDS else own).update(names)
     return shared - own
 
 

@@ -7,21 +7,15 @@ import math
 from denoc_ros.model.plant_description import LIMITS
 from denoc_ros.model.shapes import SHAPES
 from denoc_ros.runtime.parameters import ParameterTable
-from denoc_ros.runtime.shared_parameters import (
-    lifecycle_parameters,
-    loop_parameters,
-    publishers_parameter,
-    range_parameters,
-    robot_parameters,
-)
+from denoc_ros.runtime.shared_parameters import AUTOSTART, LOOP, PUBLISHERS, RANGES, ROBOT
 from denoc_ros.settings import Kind, parameter
 
 TABLE = ParameterTable(
     [
-        *lifecycle_parameters(),
-        *robot_parameters(),
-        *loop_parameters(),
-        *range_parameters(),
+        AUTOSTART,
+        *ROBOT,
+        *LOOP,
+        *RANGES,
         parameter(
             'engine',
             'denoc',
@@ -154,6 +148,6 @@ TABLE = ParameterTable(
             positive=True,
         ),
         parameter('seed', 0, 'seed of the noise', '', 0),
-        publishers_parameter(),
+        PUBLISHERS,
     ]
 )

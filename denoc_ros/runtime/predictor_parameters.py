@@ -9,13 +9,13 @@ from denoc_ros.estimation.observer_settings import ObserverSettings
 from denoc_ros.estimation.tracker_settings import TrackerSettings
 from denoc_ros.runtime.parameters import ParameterTable, SettingsParameters
 from denoc_ros.runtime.shared_parameters import (
+    AUTOSTART,
+    BASE,
     EXTRA_JOINTS,
-    base_parameters,
-    input_parameters,
-    lifecycle_parameters,
-    loop_parameters,
-    range_parameters,
-    robot_parameters,
+    INPUTS,
+    LOOP,
+    RANGES,
+    ROBOT,
 )
 from denoc_ros.settings import Kind, declared, parameter
 
@@ -38,12 +38,12 @@ SOURCE = declared(ObserverSettings)['source']
 
 TABLE = ParameterTable(
     [
-        *lifecycle_parameters(),
-        *robot_parameters(),
-        *loop_parameters(),
-        *input_parameters(),
-        *base_parameters(),
-        *range_parameters(),
+        AUTOSTART,
+        *ROBOT,
+        *LOOP,
+        *INPUTS,
+        *BASE,
+        *RANGES,
         parameter(
             'joints',
             Kind.STRINGS,

@@ -5,12 +5,12 @@ from __future__ import annotations
 from denoc_ros.bags.background import QUEUE_BYTES
 from denoc_ros.bags.storage import COMPRESSIONS
 from denoc_ros.runtime.parameters import ParameterTable
-from denoc_ros.runtime.shared_parameters import lifecycle_parameters, priority_parameter
+from denoc_ros.runtime.shared_parameters import AUTOSTART, priority_parameter
 from denoc_ros.settings import Kind, parameter
 
 TABLE = ParameterTable(
     [
-        *lifecycle_parameters(),
+        AUTOSTART,
         parameter(
             'output',
             '',

@@ -9,13 +9,7 @@ from denoc_ros.control import impulses
 from denoc_ros.control.joint_plans import RestOptions
 from denoc_ros.control.limit_rows import JOINTS
 from denoc_ros.runtime.parameters import ParameterTable
-from denoc_ros.runtime.shared_parameters import (
-    lifecycle_parameters,
-    loop_parameters,
-    publishers_parameter,
-    range_parameters,
-    robot_parameters,
-)
+from denoc_ros.runtime.shared_parameters import AUTOSTART, LOOP, PUBLISHERS, RANGES, ROBOT
 from denoc_ros.settings import Kind, Parameter, Value, declared, parameter
 
 OF_STREAMS = impulses.METHODS
@@ -33,11 +27,11 @@ def _of_plans(name: str, default: Value, highest: float, when: str = '') -> Para
 
 TABLE = ParameterTable(
     [
-        *lifecycle_parameters(),
-        *robot_parameters(),
-        *loop_parameters(),
-        publishers_parameter(),
-        *range_parameters(),
+        AUTOSTART,
+        *ROBOT,
+        *LOOP,
+        PUBLISHERS,
+        *RANGES,
         parameter(
             'joints',
             Kind.STRINGS,

@@ -5,18 +5,14 @@ from __future__ import annotations
 from dataclasses import replace
 
 from denoc_ros.runtime.parameters import ParameterTable
-from denoc_ros.runtime.shared_parameters import (
-    lifecycle_parameters,
-    publishers_parameter,
-    robot_parameters,
-)
+from denoc_ros.runtime.shared_parameters import AUTOSTART, PUBLISHERS, ROBOT
 from denoc_ros.settings import Kind, parameter
 
 TABLE = ParameterTable(
     [
-        *lifecycle_parameters(),
+        AUTOSTART,
         # the page is built for one model
-        *(replace(row, live=False) for row in robot_parameters()),
+        *(replace(row, live=False) for row in ROBOT),
         parameter(
             'host',
             '127.0.0.1',
@@ -85,6 +81,6 @@ TABLE = ParameterTable(
             maximum=60.0,
             positive=True,
         ),
-        publishers_parameter(),
+        PUBLISHERS,
     ]
 )

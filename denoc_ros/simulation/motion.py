@@ -163,12 +163,10 @@ class EquationsOfMotion:
         """Return kinetic and potential energy (2,) [J] at the last state worked out."""
         return self._robot.energy(self.q, self.qd, check=False)
 
-    def must_wrap(self, state: Array) -> bool:
-        """Say whether the rotation vector of a floating base in a state (2 f,) grows long."""
-        return bool(np.linalg.norm(state[self.attitude]) > WRAP)
-
-    def wrapped(self, state: Array) -> Array:
-        """Return the same state (2 f,) with the rotation vector within pi."""
+    def wrapped(self, state: Array) -> Array | None:
+        """Return the same state (2 f,) with its rotation vector within pi; None: it is short."""
+        if not np.linalg.norm(state[self.attitude]) > WRAP:
+            return None
         state, phi, rate = state.copy(), self.attitude, self.attitude + len(self.free)
         state[phi], state[rate] = wrap_attitude(state[phi], state[rate])
         return state

@@ -4,18 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import scipy.linalg
 
 from denoc_ros.dynamics.natural_modes import independent_joints, mechanism_modes
+from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import ConfigError, SolverError
 from denoc_ros.model.segments import whole_beams
 from denoc_ros.types import Array
-
-if TYPE_CHECKING:
-    from denoc_ros.dynamics.robot import Robot
 
 ITERATIONS = 50
 SETTLED = 1e-10  # change of a coordinate that ends Newton's iteration

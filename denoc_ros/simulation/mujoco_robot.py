@@ -4,23 +4,21 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from denoc_ros.dynamics.floating_base import ATTITUDE
+from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.rotations import left_jacobians, rotation_vectors, rotations
 from denoc_ros.errors import ConfigError, StateError
 from denoc_ros.model.mjcf import SEGMENTS, Mjcf, mjcf
 from denoc_ros.model.segments import whole_beams
 from denoc_ros.model.source import parse_xml, read_source
+from denoc_ros.model.tree import Tree
 from denoc_ros.simulation.mujoco_chain import MujocoChain, mujoco_module
 from denoc_ros.simulation.simulated_robot import Drives, SimulatedRobot
 from denoc_ros.types import Array
-
-if TYPE_CHECKING:
-    from denoc_ros.dynamics.robot import Robot
-    from denoc_ros.model.tree import Tree
 
 DIFFERENCE = 1e-6  # rad or m
 STABLE = 2.0  # Runge-Kutta steps of order 4 are stable up to 2.6 over the fastest rate
@@ -100,7 +98,8 @@ class MujocoRobot:
         robot = self.mujoco.MjSpec.from_string(made.text)
         if not scene:
             return robot.compile()
-        _require_scene(scene)
+        # it may have no DOCTYPE or entities
+        parse_xml(*read_source(Path(scene)), root='mujoco')
         try:
             objects = self.mujoco.MjSpec.from_file(scene)
             robot.attach(objects, prefix=SCENE, frame=robot.worldbody.add_frame())
@@ -351,9 +350,3 @@ class MujocoRobot:
             position[turned] = phi
             rate[at] = turn @ (tip[3:] - root[3:] - np.cross(root[:3], arm))
             rate[turned] = np.linalg.solve(left_jacobians(phi), turn @ (tip[:3] - root[:3]))
-
-
-def _require_scene(path: str) -> None:
-    """Refuse a scene that cannot be read or has a DOCTYPE, entities or another root."""
-    where, text = read_source(Path(path))
-    parse_xml(where, text, root='mujoco')

@@ -23,7 +23,6 @@ from denoc_ros.types import Array
 KNOTS = 120  # per turn: quintics between them are true to 1e-9 of the radius
 CLOSED = 1e-11  # m, rad
 ITERATIONS = 50
-SMALL = 1e-5  # step of a central difference, of 1 / the largest rate
 KEYS = {
     'book': {'start', 'rate', 'period', 'form', 'duration'},
     'sine': {'start', 'amplitude', 'frequency', 'phase', 'duration', 'ramp'},
@@ -90,20 +89,14 @@ def follow(robot: Robot, circle: Circle, guess: Array) -> SplineTrajectory:
         none = np.zeros(len(rows) - 6)
         turning = np.zeros(3)
         qd[k] = least_change(np.concatenate([none, velocity, turning]), rows)
-        bias = _bias(robot, circle.frame, near, qd[k])
+        turned = robot.frame_motion(circle.frame, near, qd[k])[1]
+        bias = np.concatenate([robot.closure_bias(near, qd[k]), turned])
         qdd[k] = least_change(np.concatenate([none, acceleration, turning]) - bias, rows)
     return SplineTrajectory(times, q, qd, qdd)
 
 
 def _rows(robot: Robot, frame: str, q: Array) -> Array:
     return np.vstack([robot.closure_jacobian(q), robot.frame_jacobian(frame, q)])
-
-
-def _bias(robot: Robot, frame: str, q: Array, qd: Array) -> Array:
-    """Return the accelerations of loops and frame at constant rates."""
-    step = SMALL / max(1.0, float(np.max(np.abs(qd))))
-    after, before = (robot.frame_jacobian(frame, q + sign * step * qd) for sign in (1.0, -1.0))
-    return np.concatenate([robot.closure_bias(q, qd), (after - before) @ qd / (2.0 * step)])
 
 
 def _reach(robot: Robot, frame: str, point: Array, directions: Array, guess: Array) -> Array:

@@ -294,8 +294,9 @@ def integrate(
             trials.raise_refusal()
             return states[:done], _failure(solver, motion, times[-1], message)
         done = max(done, upto)
-        if motion.must_wrap(solver.y):
-            solver.y = motion.wrapped(solver.y)
+        wrapped = motion.wrapped(solver.y)
+        if wrapped is not None:
+            solver.y = wrapped
             solver.f = motion.rate(solver.t, solver.y)
         advance(solver.t - before)
         if motion.evaluations > most and solver.status == 'running':

@@ -271,11 +271,11 @@ class TableReader:
         given = [self.as_number(key, entry, 'm') for entry in value]
         return (*given, *[0.0] * (3 - len(given)))
 
-    def name(self, key: str) -> str:
+    def name(self) -> str:
         """Return a text that may be left out, then empty."""
-        value = self.table.get(key, '')
-        if not isinstance(value, str) or (key in self.table and not value.strip()):
-            self.fail(key, 'be a text', value)
+        value = self.table.get('name', '')
+        if not isinstance(value, str) or ('name' in self.table and not value.strip()):
+            self.fail('name', 'be a text', value)
             return ''
         return value
 
@@ -368,7 +368,7 @@ def _plate(link: TableReader) -> DHLink:
     centre = link.point('com', 2)
     mass = link.number('m', 'kg', above=0.0)
     inertia = link.number('inertia', 'kg m^2', above=0.0)
-    name = link.name('name')
+    name = link.name()
     return DHLink(0.0, 0.0, 0.0, 0.0, False, mass, inertia, None, name=name, plate=centre)
 
 
@@ -383,7 +383,7 @@ def _rod(link: TableReader, shared: float | None) -> DHLink:
         mass = a * link.number('mass_per_length', 'kg/m', least=0.0)
     hub = link.number('hub_inertia', 'kg m^2', least=0.0, default=0.0)
     ei = _rigidity(link, shared)
-    return DHLink(a, 0.0, 0.0, 0.0, False, mass, hub, ei, name=link.name('name'))
+    return DHLink(a, 0.0, 0.0, 0.0, False, mass, hub, ei, name=link.name())
 
 
 def _rigidity(link: TableReader, shared: float | None) -> float | None:
@@ -520,7 +520,7 @@ def read_loops(reader: TableReader, chains: Collection[DHChain]) -> tuple[DHLoop
         if type_ not in LOOP_TYPES:
             loop.fail('type', f'be one of {", ".join(LOOP_TYPES)}', type_)
         ends = [read_point(loop, key, chains) for key in ('parent', 'child')]
-        loops.append(DHLoop(loop.name('name') or f'loop_{index}', str(type_), *ends))
+        loops.append(DHLoop(loop.name() or f'loop_{index}', str(type_), *ends))
     return tuple(loops)
 
 

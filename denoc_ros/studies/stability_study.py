@@ -104,7 +104,6 @@ LONG = 4.0  # s of processor time: runs that need no repeating
 MOST_EVALUATIONS = 1_000_000
 CALLS = 2000  # of forward dynamics alone, for its time
 SPECTRA = 71  # times at which the motion is linearized
-STEP = 1e-6  # of the differences that linearize it
 
 
 @dataclass(frozen=True)
@@ -268,30 +267,16 @@ def roughness(accelerations: Array) -> Array:
 def spectra(robot: Robot, solution: Trace, torque: Torque | None) -> tuple[Array, Array, Array]:
     """Return times, growth rates of small errors [1/s] and condition numbers along a motion."""
     rows = np.unique(np.linspace(0, len(solution.t) - 1, SPECTRA).astype(np.intp))
-    growth, condition = np.empty(len(rows)), np.empty(len(rows))
+    growth, condition, n = np.empty(len(rows)), np.empty(len(rows)), robot.n
+    # d(q', q'')/d(q, q'): torques depend on time alone
+    change = np.eye(2 * n, k=n)
     for k, row in enumerate(rows):
         q, qd, t = solution.q[row], solution.qd[row], float(solution.t[row])
-        growth[k] = np.max(np.linalg.eigvals(_linearized(robot, q, qd, t, torque)).real)
+        tau = np.zeros(n) if torque is None else torque(t, q, qd)
+        change[n:, :n], change[n:, n:], _ = robot.forward_dynamics_derivatives(q, qd, tau)
+        growth[k] = np.max(np.linalg.eigvals(change).real)
         condition[k] = np.linalg.cond(robot.inertia_matrix(q))
     return solution.t[rows], growth, condition
-
-
-def _linearized(robot: Robot, q: Array, qd: Array, t: float, torque: Torque | None) -> Array:
-    """Return d(q', q'')/d(q, q') (2 n, 2 n) by central differences."""
-    n = robot.n
-
-    def acceleration(state: Array) -> Array:
-        at, rate = state[:n].copy(), state[n:].copy()
-        tau = np.zeros(n) if torque is None else torque(t, at, rate)
-        return robot.forward_dynamics(at, rate, tau)
-
-    matrix = np.zeros((2 * n, 2 * n))
-    matrix[:n, n:] = np.eye(n)
-    for column, shift in enumerate(STEP * np.eye(2 * n)):
-        state = np.concatenate([q, qd])
-        difference = acceleration(state + shift) - acceleration(state - shift)
-        matrix[n:, column] = difference / (2.0 * STEP)
-    return matrix
 
 
 def _require_forward(robot: Robot, scenario: Scenario) -> None:

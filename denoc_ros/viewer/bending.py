@@ -218,13 +218,13 @@ class Bending:
 def strain_colours(strain: Array, limit: float) -> NDArray[np.uint8]:
     """Return red, green, blue (v, 3) of strains: blue pressed, red stretched, full at a limit."""
     share = np.clip(strain / limit, -1.0, 1.0) if limit > 0.0 else np.zeros(len(strain))
-    middle, ends = np.array(STILL, float), np.array([PRESSED, STRETCHED], float)
+    middle, ends = np.array(UNSTRAINED, float), np.array([PRESSED, STRETCHED], float)
     mixed = middle + np.abs(share)[:, None] * (ends[(share > 0.0).astype(int)] - middle)
     return np.asarray(np.round(mixed), dtype=np.uint8)
 
 
 PRESSED: Colour = (33, 102, 190)
-STILL: Colour = (225, 228, 232)
+UNSTRAINED: Colour = (225, 228, 232)
 STRETCHED: Colour = (200, 40, 40)
 
 

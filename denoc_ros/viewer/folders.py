@@ -24,7 +24,7 @@ from denoc_ros.viewer.snapshot import Snapshot
 PERIOD = 1.0 / 30.0  # s between two pictures
 QUICKEST = 1.0  # Hz: faster modes are shown as slowly as this
 SWING = 0.04  # of the robot's reach, or this angle [rad]: the largest amplitude shown
-STILL = 'none'
+NO_MODE = 'none'
 MOST_SAG = 0.2  # of a beam's length
 SLIDE_STEPS = 400  # of a slider; one that turns has one per degree
 TOO_MUCH = 'drawn straight: in this gravity links bend more than small deflections'
@@ -157,7 +157,7 @@ class ModePlayer:
         )
         with self._folder:
             self._find = gui.add_button('Find here', hint='At the joint positions shown now')
-            self._choice = gui.add_dropdown('Mode', [STILL], initial_value=STILL)
+            self._choice = gui.add_dropdown('Mode', [NO_MODE], initial_value=NO_MODE)
             self._text = gui.add_markdown('')
         self._find.on_click(lambda _: self.find())
         self._choice.on_update(lambda _: self._choose())
@@ -169,7 +169,7 @@ class ModePlayer:
 
     def find(self) -> None:
         """Find the modes where the robot is."""
-        self._choice.value = STILL
+        self._choice.value = NO_MODE
         try:
             with self._guard:
                 self._modes = ModeShapes(self._robot, self._where())
@@ -177,7 +177,7 @@ class ModePlayer:
             self._modes = None
             self._text.content = str(error)
             return
-        self._choice.options = (STILL, *self._modes.labels)
+        self._choice.options = (NO_MODE, *self._modes.labels)
         count = len(self._modes.labels)
         self._text.content = f'{count} modes, joints held' if count else 'no link bends'
 

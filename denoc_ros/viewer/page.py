@@ -178,11 +178,11 @@ class Page:
             self._panel = sliders
         sliders.move()
 
-    def change_robot(self, robot: Robot, folder: Path | None = None) -> None:
+    def change_robot(self, robot: Robot) -> None:
         """Show another robot; its run or its sliders have to be asked for anew."""
         with self._lock:
             self._close_panel()
-            self._adopt(robot, folder)
+            self._adopt(robot, None)
 
     def close(self) -> None:
         """Stop serving; a second call does nothing."""

@@ -17,8 +17,8 @@ from denoc_ros.types import Array
 from denoc_ros.units import round_up
 from denoc_ros.viewer.bending import (
     PRESSED,
-    STILL,
     STRETCHED,
+    UNSTRAINED,
     Bending,
     Shape,
     exaggerated,
@@ -392,7 +392,7 @@ class Controls:
         """Explain the colours and arrows."""
         _put(self._legend, _colour_bar(legend.strain) if legend.strain else '')
         lines = [
-            _key(colour, text.format(value))
+            f'<div><span style="color:{_css(colour)}">➜</span> {text.format(value)}</div>'
             for colour, text, value in (
                 (TORQUE, 'torque, longest {:.3g} N m (N)', legend.torque),
                 (REACTION, 'force, longest {:.3g} N', legend.force),
@@ -422,12 +422,8 @@ def _colour_bar(limit: float) -> str:
     ends = f'{limit * 1e6:g}'
     bar = (
         f'<div style="height:0.8em;border-radius:3px;background:linear-gradient(to right,'
-        f'{_css(PRESSED)},{_css(STILL)},{_css(STRETCHED)})"></div>'
+        f'{_css(PRESSED)},{_css(UNSTRAINED)},{_css(STRETCHED)})"></div>'
     )
     row = '<div style="display:flex;justify-content:space-between">{}</div>'
     numbers = ''.join(f'<span>{text}</span>' for text in (f'−{ends}', '0', f'+{ends}'))
     return _box('bending strain [µm/m]' + bar + row.format(numbers))
-
-
-def _key(colour: tuple[int, int, int], text: str) -> str:
-    return f'<div><span style="color:{_css(colour)}">➜</span> {text}</div>'

@@ -13,7 +13,7 @@ from denoc_ros.bags.run import read_run
 from denoc_ros.bags.writer import BagWriter
 from denoc_ros.cli.config import load_config
 from denoc_ros.cli.shaped_phases import plans_of
-from denoc_ros.control.carried_out import planned
+from denoc_ros.control.plan_simulation import planned
 from denoc_ros.reports.measures import measure, summarize
 from denoc_ros.simulation.reference import trajectory_from_config
 

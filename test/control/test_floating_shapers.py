@@ -8,9 +8,9 @@ from base_robots import description
 from control_runs import cycloid
 
 import denoc_ros as dn
-from denoc_ros.control.carried_out import carry_out, planned
 from denoc_ros.control.plan import Plan
-from denoc_ros.control.reaction import continuous, falling, reaction
+from denoc_ros.control.plan_simulation import carry_out, planned
+from denoc_ros.control.reaction import continuous, in_free_fall, reaction
 from denoc_ros.control.ringing import ringing_modes, ringing_robot
 from denoc_ros.control.shaped_samples import rest_spline
 from denoc_ros.dynamics.feedforward import TorqueFeedforward
@@ -59,7 +59,7 @@ def test_no_swing_is_left_by_the_modes_of_the_robot_that_floats(
 ) -> None:
     plan = dn.shape_motion(robot, TIMES, MOTION(TIMES), method)
     assert swing(robot, plan) < most * plain
-    force = falling(robot).inverse_dynamics(plan.q, plan.qd, plan.qdd)
+    force = in_free_fall(robot).inverse_dynamics(plan.q, plan.qd, plan.qdd)
     np.testing.assert_allclose(force[:, robot.free_indices], 0.0, atol=1e-6)
     np.testing.assert_allclose(force[:, robot.joint_indices], plan.torque, atol=1e-6)
     # steps of second order: 4000 N m s is what the arm has
@@ -89,7 +89,7 @@ def test_a_held_base_has_other_modes_and_takes_a_wrench(robot: dn.Robot) -> None
 def test_feedforward_that_follows_a_plans_joints_gives_its_torque(robot: dn.Robot) -> None:
     """What `denoc up` does with a plan: joints in, the base and the links react by themselves."""
     plan = dn.shape_motion(robot, TIMES, MOTION(TIMES))
-    own, step = falling(robot), 2e-3
+    own, step = in_free_fall(robot), 2e-3
     source = TorqueFeedforward(own, model='flexible', step=step)
     motion = planned(plan, own.joint_names)
     times = np.arange(float(plan.t[0]), float(plan.t[-1]), step)

@@ -21,10 +21,10 @@ from denoc_ros.runtime.conversions import JointStateReader
 from denoc_ros.runtime.input_monitor import LOST, SILENCE, ActivePublishers, Gaps
 from denoc_ros.runtime.parameters import ParameterTable
 from denoc_ros.runtime.shared_parameters import (
-    input_parameters,
-    lifecycle_parameters,
-    loop_parameters,
-    robot_parameters,
+    AUTOSTART,
+    INPUTS,
+    LOOP,
+    ROBOT,
 )
 
 pytestmark = pytest.mark.ros
@@ -93,9 +93,7 @@ def test_of_those_before_nothing_is_known_at_the_beginning() -> None:
     assert publishers.count(2, [2], 10.1 + SILENCE) == 1
 
 
-TABLE = ParameterTable(
-    [*lifecycle_parameters(), *robot_parameters(), *loop_parameters(), *input_parameters()]
-)
+TABLE = ParameterTable([AUTOSTART, *ROBOT, *LOOP, *INPUTS])
 
 
 class ByExecutor(DenocNode):

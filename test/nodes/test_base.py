@@ -17,14 +17,14 @@ from denoc_ros.nodes.base import DenocNode
 from denoc_ros.runtime.conversions import JointStateReader
 from denoc_ros.runtime.input_monitor import InputError
 from denoc_ros.runtime.parameters import ParameterTable
-from denoc_ros.runtime.shared_parameters import lifecycle_parameters
+from denoc_ros.runtime.shared_parameters import AUTOSTART
 from denoc_ros.settings import Kind, Parameter
 
 pytestmark = pytest.mark.ros
 
 TABLE = ParameterTable(
     [
-        *lifecycle_parameters(),
+        AUTOSTART,
         Parameter('gain', Kind.DOUBLE, 1.0, 'a gain', 'N m', 0.0, 10.0, live=True),
         Parameter('names', Kind.STRINGS, [], 'names'),
         Parameter('max_publishers', Kind.INTEGER, 1, 'publishers'),

@@ -14,10 +14,10 @@ from denoc_ros.nodes.robot_node import WITHIN_A_TICK, RobotNode
 from denoc_ros.runtime.conversions import LONGEST, JointStateReader
 from denoc_ros.runtime.parameters import ParameterTable
 from denoc_ros.runtime.shared_parameters import (
-    input_parameters,
-    lifecycle_parameters,
-    loop_parameters,
-    robot_parameters,
+    AUTOSTART,
+    INPUTS,
+    LOOP,
+    ROBOT,
 )
 
 pytestmark = pytest.mark.ros
@@ -26,9 +26,7 @@ HEAVY = 200  # bytes
 DELIVERY = 0.4  # s that a message may take to this process
 
 
-TABLE = ParameterTable(
-    [*lifecycle_parameters(), *robot_parameters(), *loop_parameters(), *input_parameters()]
-)
+TABLE = ParameterTable([AUTOSTART, *ROBOT, *LOOP, *INPUTS])
 
 
 class Taker(RobotNode):

@@ -26,14 +26,14 @@ from denoc_ros.nodes.feedforward import FeedforwardNode
 from denoc_ros.nodes.messages import LATCHED
 from denoc_ros.nodes.robot_node import ModelNode
 from denoc_ros.runtime.parameters import ParameterTable
-from denoc_ros.runtime.shared_parameters import lifecycle_parameters, robot_parameters
+from denoc_ros.runtime.shared_parameters import AUTOSTART, ROBOT
 from denoc_ros.settings import Kind
 from denoc_ros.settings import Parameter as Row
 
 pytestmark = pytest.mark.ros
 
-TABLE = ParameterTable([*lifecycle_parameters(), Row('gain', Kind.DOUBLE, 1.0, '', live=True)])
-MODEL_TABLE = ParameterTable([*lifecycle_parameters(), *robot_parameters()])
+TABLE = ParameterTable([AUTOSTART, Row('gain', Kind.DOUBLE, 1.0, '', live=True)])
+MODEL_TABLE = ParameterTable([AUTOSTART, *ROBOT])
 EVERY_TRANSITION = (0, 2, 3, 4, 5, 6, 7, 10, 60, 99, 255)
 
 

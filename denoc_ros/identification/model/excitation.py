@@ -52,7 +52,7 @@ STEP = 1e-4  # of the differences by x
 SETTLED = 3e-3  # what a step must gain: 0.3 % of the intervals
 WIDEST, NARROWEST = 0.3, 3e-3  # of the largest x: radius of a step
 WIDER, NARROWER = 1.5, 0.4
-NEAR = 0.5  # shares of limits that a step looks at
+NEAR_SHARE = 0.5  # shares of limits that a step looks at
 REGROWN = 1.3  # by how much a step may be scaled up to the limits
 NOTHING = 1e3  # the criterion of a motion that the robot cannot follow
 DEFLECTION = 0.1  # of its length, that a link may bend by: the model's tip is 0.1 % off there
@@ -165,7 +165,7 @@ class ExcitationSearch:
         Shares of limits near or beyond which the motion is at some time, all to one side.
         """
         shares = self._space.shares(x, self._times).ravel()
-        near = np.flatnonzero(np.abs(shares) > NEAR)
+        near = np.flatnonzero(np.abs(shares) > NEAR_SHARE)
         side = np.sign(shares[near])
         slopes, edges = np.empty(len(x)), np.empty((len(near), len(x)))
         for k in range(len(x)):

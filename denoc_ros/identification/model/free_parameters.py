@@ -219,7 +219,9 @@ class InertialBlock:
         self.length = float(np.sqrt(size)) if size > 0.0 else LEVER
         units = np.array([self.length] * 3 + [1.0])
         floor = SMALLEST * pseudo[3, 3] * np.diag(units**2)
-        self._factor = _upper_factor(pseudo + floor)
+        # the upper triangular U with U U^T
+        turned = np.linalg.cholesky((pseudo + floor)[::-1, ::-1])
+        self._factor = np.ascontiguousarray(turned[::-1, ::-1])
 
     @property
     def scales(self) -> Array:
@@ -249,12 +251,6 @@ class InertialBlock:
         return RigidInertia(
             float(pseudo[3, 3]), pseudo[:3, 3], np.trace(second) * np.eye(3) - second
         )
-
-
-def _upper_factor(pseudo: Array) -> Array:
-    """Return the upper triangular U with U U^T = pseudo."""
-    turned = np.linalg.cholesky(pseudo[::-1, ::-1])
-    return np.ascontiguousarray(turned[::-1, ::-1])
 
 
 class FreeParameters:

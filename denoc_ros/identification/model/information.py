@@ -14,7 +14,7 @@ from denoc_ros.types import Array
 
 Mask = NDArray[np.bool_]
 
-UNSEEN = 0.5  # half a 95 % interval, in sizes of the parameters: a direction that data do not tell
+WIDEST_SEEN = 0.5  # half a 95 % interval, in sizes of the parameters: wider is not told
 FOUND = 0.05  # the same of one parameter that is found
 TOUCHED = 0.05  # component along what is not seen that makes a parameter not identifiable
 REACH = 100.0  # sizes that a direction may move by, where data do not tell it at all
@@ -110,7 +110,7 @@ def information(
     resolved = values > ROUNDED * max(values.max(initial=0.0), 1e-300)
     width = np.full(p, REACH)
     width[resolved] = quantile * np.sqrt(meat[resolved]) / values[resolved]
-    seen = width < UNSEEN
+    seen = width < WIDEST_SEEN
     told = vectors[:, seen]
     by_scores = (told / values[seen]) @ told.T
     spread = scores @ by_scores
@@ -147,7 +147,7 @@ def verdict_of(half: float) -> str:
     """Return found, doubtful or not identifiable by half an interval as a share of a size."""
     if half <= FOUND:
         return 'found'
-    return 'doubtful' if half <= UNSEEN else NOT_TOLD
+    return 'doubtful' if half <= WIDEST_SEEN else NOT_TOLD
 
 
 def combinations(info: Information, names: Sequence[str], factors: Mask) -> list[str]:

@@ -15,11 +15,7 @@ from numpy.typing import NDArray
 
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import IdentificationError
-from denoc_ros.estimation.joint_motion import (
-    LocalPolynomials,
-    SmoothedMotion,
-    stretch_starts,
-)
+from denoc_ros.estimation.joint_motion import LocalPolynomials, SmoothedMotion, stretch_starts
 from denoc_ros.estimation.torque_along import TorqueReplay
 from denoc_ros.identification.model.free_parameters import SearchPoint
 from denoc_ros.identification.model.innovations import LinkedRows, NearbyMotion, linked_rows

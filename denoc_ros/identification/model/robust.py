@@ -13,12 +13,12 @@ WINDOW = 5  # samples, of which two may be wild
 SPIKE_DEVIATIONS = 8.0  # robust deviations of what samples are off the median of their window
 LEAST = 0.005  # of a signal's robust deviation: nothing nearer to that median is wild
 AROUND = 31  # samples: links that ring are off the median for as many
-NEAR = 0.25  # of how far a sample is off: links that ring come near that time and again ...
+ECHO_SHARE = 0.25  # of how far a sample is off: links that ring come near that time and again ...
 BESIDE = 6  # samples on each side: ... a wild one stands there by itself, or with one other
-MOST = 0.05  # of the samples: where more are, it is not single ones that are wild
+LARGEST_WILD_SHARE = 0.05  # of the samples: where more are, it is not single ones that are wild
 HUBER = 2.5  # standard deviations from which a residual counts linearly
 FOURTH = np.array([1.0, -4.0, 6.0, -4.0, 1.0])
-WILD = 10.0  # robust deviations: what is beyond says nothing of the size of residuals
+WILD_DEVIATIONS = 10.0  # robust deviations: what is beyond says nothing of the size of residuals
 
 
 def without_spikes(values: Array) -> Array:
@@ -39,10 +39,10 @@ def without_spikes(values: Array) -> Array:
         usual = np.maximum(np.median(off), median_filter(off, AROUND))
         bound = SPIKE_DEVIATIONS * 1.48 * usual + LEAST * spread
         wild = off > bound
-        for row in np.flatnonzero(wild) if wild.sum() <= MOST * len(column) else ():
+        for row in np.flatnonzero(wild) if wild.sum() <= LARGEST_WILD_SHARE * len(column) else ():
             around = off[max(row - BESIDE, 0) : row + BESIDE + 1]
-            wild[row] = np.sum(around > NEAR * off[row]) <= 2
-        if 0 < wild.sum() <= MOST * len(column):
+            wild[row] = np.sum(around > ECHO_SHARE * off[row]) <= 2
+        if 0 < wild.sum() <= LARGEST_WILD_SHARE * len(column):
             found[wild, k] = np.interp(rows[wild], rows[~wild], column[~wild])
     return found
 
@@ -54,7 +54,7 @@ def root_mean_square(values: Array) -> float:
 
 def held_rms(values: Array) -> float:
     """Return the rms of values, those beyond ten of their robust deviations held to that."""
-    bound = WILD * 1.48 * float(np.median(np.abs(values)))
+    bound = WILD_DEVIATIONS * 1.48 * float(np.median(np.abs(values)))
     return root_mean_square(np.clip(values, -bound, bound) if bound > 0.0 else values)
 
 
@@ -76,7 +76,7 @@ def noise_of(values: Array, period: float, memory: float = 0.0) -> float:
     return 1.48 * float(np.median(np.abs(np.diff(values, 4)))) / size
 
 
-def bent(residual: Array) -> Array:
+def huber_residual(residual: Array) -> Array:
     """Return residuals whose squares are Huber's loss."""
     size = np.abs(residual)
     far = size > HUBER
@@ -85,8 +85,8 @@ def bent(residual: Array) -> Array:
     return found
 
 
-def bending_slope(residual: Array) -> Array:
-    """Return the derivative of bent residuals by the straight ones."""
+def huber_slope(residual: Array) -> Array:
+    """Return the derivative of Huber residuals by the plain ones."""
     size = np.maximum(np.abs(residual), HUBER)
     slope: Array = HUBER / np.sqrt(HUBER * (2.0 * size - HUBER))
     return slope

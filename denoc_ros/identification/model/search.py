@@ -16,9 +16,9 @@ from denoc_ros.identification.model.information import Information, information,
 from denoc_ros.identification.model.prediction import PreparedRun
 from denoc_ros.identification.model.robust import (
     HUBER,
-    bending_slope,
-    bent,
     held_rms,
+    huber_residual,
+    huber_slope,
     root_mean_square,
 )
 from denoc_ros.identification.model.simulated_runs import STEP, SimulatedRuns
@@ -28,9 +28,10 @@ from denoc_ros.types import Array
 COARSE = 1e-3  # of the cost: a fit goes on while it falls by more, before weights are settled
 FINE = 1e-5  # the same of the last one
 ROUNDS = 12  # of weights by the residuals' own deviation
-BETWEEN, MOST = 5, 40  # evaluations of a fit before weights are taken anew, and at most
+# evaluations of a fit before weights are taken anew, and at most
+BETWEEN, MOST_EVALUATIONS = 5, 40
 LAST = 12  # the same of a fit by simulated derivatives
-STILL = 1e-4  # change of theta that needs no other round
+STILL_CHANGE = 1e-4  # change of theta that needs no other round
 SETTLED = 0.03  # change of a deviation that needs no other round
 LOST = 1e6  # standard deviations that a robot which cannot be is off by
 GROWING = (0.08, 0.2, 0.45)  # parts of the runs that a flexible robot is first fitted to
@@ -240,7 +241,7 @@ class ModelSearch:
             before, last = self.deviation.copy(), theta
             theta = self._least_squares(theta, rows, COARSE, BETWEEN)
             self._reweigh(theta, rows)
-            is_still = np.abs(theta - last).max() < STILL
+            is_still = np.abs(theta - last).max() < STILL_CHANGE
             if is_still or np.nanmax(np.abs(self.deviation / before - 1.0)) < SETTLED:
                 break
         self._is_exact = self._is_followed and not rough
@@ -338,17 +339,17 @@ class ModelSearch:
         return found
 
     def _least_squares(
-        self, theta: Array, rows: NDArray[np.bool_], tolerance: float, most: int = MOST
+        self, theta: Array, rows: NDArray[np.bool_], tolerance: float, most: int = MOST_EVALUATIONS
     ) -> Array:
         count = int(rows.sum())
 
         prior = np.eye(len(theta)) / PRIOR
 
         def function(x: Array) -> Array:
-            return np.concatenate([bent(self.whitened(x)[rows]), x / PRIOR])
+            return np.concatenate([huber_residual(self.whitened(x)[rows]), x / PRIOR])
 
         def jacobian(x: Array) -> Array:
-            weights = bending_slope(self.whitened(x)[rows])
+            weights = huber_slope(self.whitened(x)[rows])
             return np.concatenate([weights[:, None] * self.jacobian(x)[rows], prior])
 
         found = least_squares(
@@ -368,7 +369,7 @@ class ModelSearch:
         prior = np.eye(len(theta)) / PRIOR
         for run in dict.fromkeys(run_of):
             rows = (run_of == run)[self._channel]
-            weights = bending_slope(residual[rows])
+            weights = huber_slope(residual[rows])
             design = np.vstack([weights[:, None] * jacobian[rows], prior])
             wanted = np.concatenate([weights * residual[rows], np.zeros(len(theta))])
             change = np.linalg.lstsq(design, wanted)[0]
@@ -380,7 +381,7 @@ class ModelSearch:
     def information(self, theta: Array) -> Information:
         """Information of the data alone about the reported numbers, in their sizes."""
         whitened = self.whitened(theta)
-        residual, slope = bent(whitened), bending_slope(whitened)
+        residual, slope = huber_residual(whitened), huber_slope(whitened)
         jacobian = self.jacobian(theta) * slope[:, None]
         slopes, noise = self.parameters.slopes(theta), self._noise(theta)
         if still := [self.parameters.paths[k] for k in np.flatnonzero(~slopes.any(axis=1))]:

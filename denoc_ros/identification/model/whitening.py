@@ -13,14 +13,14 @@ from denoc_ros.dynamics.robot import Robot
 from denoc_ros.identification.model.free_parameters import FreeParameters, SearchPoint
 from denoc_ros.identification.model.innovations import Innovations, LinkedRows, NearbyMotion
 from denoc_ros.identification.model.prediction import PreparedRun
-from denoc_ros.identification.model.robust import bending_slope, bent
+from denoc_ros.identification.model.robust import huber_residual, huber_slope
 from denoc_ros.identification.model.simulated_runs import SimulatedRuns
 from denoc_ros.types import Array
 
-WILD = 10.0  # deviations from which a row is an outlier, that no vibration is followed by
+OUTLIER_SIGMAS = 10.0  # from which a row is an outlier, that no vibration is followed by
 UNHEARD = 100.0  # times its deviation is what a filter takes an outlier's for
 PAIRS = 2  # of draws of the joints' noise
-MOST = 0.9  # of the information along a direction that may be noise's
+LARGEST_NOISE_SHARE = 0.9  # of the information along a direction that may be noise's
 
 
 class Whitening:
@@ -63,7 +63,7 @@ class Whitening:
         """Take each channel's deviation (channels,) anew; residuals (m,) show outliers."""
         own = deviation[self.channel]
         if self._filters:
-            own = np.where(np.abs(self(residuals)) > WILD, UNHEARD * own, own)
+            own = np.where(np.abs(self(residuals)) > OUTLIER_SIGMAS, UNHEARD * own, own)
         self.deviation, self._whitened = deviation, None
         if not self._linked:
             return
@@ -151,9 +151,9 @@ def joint_noise(
 def _at(simulated: SimulatedRuns, whitening: Whitening, theta: Array) -> tuple[Array, Array]:
     """Return scores (p,) and J^T J (p, p)."""
     whitened = whitening(simulated.residuals(theta))
-    curve = bending_slope(whitened)
+    curve = huber_slope(whitened)
     slopes = curve[:, None] * whitening(simulated.slopes(theta, range(len(theta))))
-    return bent(whitened) @ slopes, slopes.T @ slopes
+    return huber_residual(whitened) @ slopes, slopes.T @ slopes
 
 
 def bounded(added: Array, normal: Array) -> Array:
@@ -164,4 +164,4 @@ def bounded(added: Array, normal: Array) -> Array:
     inverse = vectors[:, kept] / np.sqrt(values[kept])
     share, turned = np.linalg.eigh(inverse.T @ added @ inverse)
     within = root @ turned
-    return np.asarray(within * np.clip(share, 0.0, MOST) @ within.T)
+    return np.asarray(within * np.clip(share, 0.0, LARGEST_NOISE_SHARE) @ within.T)

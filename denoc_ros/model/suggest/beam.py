@@ -23,7 +23,10 @@ from denoc_ros.model.tree import JointKind, RigidInertia
 
 ROOTS = (1.8751041, 4.6940911, 7.8547574)  # of a cantilever's bending modes
 VISIBLE = 1e-3  # deflection over length from which a link is worth it
-NEAR, FAR = 5.0, 10.0  # times the bandwidth: a first mode, and all modes, below it count
+FIRST_WITHIN, ALL_WITHIN = (
+    5.0,
+    10.0,
+)  # times the bandwidth: a first mode, and all modes, below it count
 STUBBY = 4.0  # length over width below which a link is no slender beam
 LEAST_SHARE = 0.05  # of a link's mass: less spread along the beam makes no beam
 UNCLEAR = 0.3  # of its mass, below which a link of unknown size is left rigid
@@ -155,7 +158,7 @@ def _shares(
     polar = min(float(f'{stiff.polar_inertia:.4g}'), admissible)
     turning = tip.about_axis + polar * line.length / 3.0
     slow = turning > 0.0 and math.sqrt(stiff.gj / (line.length * turning)) <= (
-        2.0 * math.pi * FAR * bandwidth
+        2.0 * math.pi * ALL_WITHIN * bandwidth
     )
     left = 0.0
     if slow and polar > 0.0:
@@ -170,7 +173,7 @@ def _bending_modes(
 ) -> int:
     """Return 1 to 3; at least 2 with a heavy tip, whose static sag one mode misses by 3 %."""
     unit = math.sqrt(ei / mass_per_length) / (2.0 * math.pi * length**2)
-    below = sum(root**2 * unit <= FAR * bandwidth for root in ROOTS)
+    below = sum(root**2 * unit <= ALL_WITHIN * bandwidth for root in ROOTS)
     return max(below, 2 if heavy else 1)
 
 
@@ -227,7 +230,10 @@ def _judge(
         return True, f'sags by {sag / length:.2g} of its length'
     if by_effort >= VISIBLE * length:
         return True, f'bends by {by_effort / length:.2g} of its length at its rated effort'
-    if frequency <= NEAR * bandwidth:
-        return True, f'vibrates at about {frequency:.2g} Hz, below {NEAR * bandwidth:g} Hz'
+    if frequency <= FIRST_WITHIN * bandwidth:
+        return (
+            True,
+            f'vibrates at about {frequency:.2g} Hz, below {FIRST_WITHIN * bandwidth:g} Hz',
+        )
     most = np.nanmax([sag, by_effort]) / length
     return False, f'stiff: bends by {most:.1g} of its length, vibrates at about {frequency:.2g} Hz'

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
@@ -10,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from denoc_ros.output_files import plain
 from denoc_ros.studies.benchmarks.timing import Effort, Spread, Subject, Times, compare, ratio
 
 AT_MOST = '<='
@@ -75,7 +75,7 @@ class BenchLine:
             'against': self.against,
             'check': {**asdict(self.check), 'good': self.check.good},
             'unit': self.unit,
-            'value': self.value and _finite(asdict(self.value)),
+            'value': self.value and plain(asdict(self.value)),
             'reach': None if self.reach is None else asdict(self.reach),
             'verdict': self.verdict,
             'note': self.note,
@@ -100,10 +100,6 @@ def compared(
     ours, peer = compare(subjects, effort)
     reach = None if most is None else Reach(AT_MOST, most)
     return replace(line, value=ratio(ours, peer), reach=reach, ours=ours, peer=peer)
-
-
-def _finite(values: dict[str, float]) -> dict[str, float | None]:
-    return {name: value if math.isfinite(value) else None for name, value in values.items()}
 
 
 def relative_error(value: ArrayLike, expected: ArrayLike) -> float:

@@ -13,7 +13,7 @@ from denoc_ros.identification.model.information import (
     information,
     left_beside_noise,
 )
-from denoc_ros.identification.model.whitening import MOST, JointNoise, bounded
+from denoc_ros.identification.model.whitening import LARGEST_NOISE_SHARE, JointNoise, bounded
 from denoc_ros.types import Array
 
 ROWS, STRETCH = 600, 10
@@ -122,4 +122,4 @@ def test_the_pull_tells_how_far_least_squares_are_from_the_truth() -> None:
 def test_noise_takes_most_of_the_information_at_most() -> None:
     normal = np.diag([4.0, 1.0])
     found = bounded(np.diag([40.0, -0.5]), normal)
-    assert np.allclose(found, np.diag([4.0 * MOST, 0.0]))
+    assert np.allclose(found, np.diag([4.0 * LARGEST_NOISE_SHARE, 0.0]))

@@ -9,14 +9,14 @@ import numpy as np
 
 from denoc_ros.control.grid import GridMotion
 from denoc_ros.control.plan import Plan
-from denoc_ros.control.reaction import base_change, falling
+from denoc_ros.control.reaction import base_change, in_free_fall
 from denoc_ros.dynamics.equilibrium import Equilibrium
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.stepper import Stepper
 from denoc_ros.types import Array
 
 # times (k,) -> positions, rates and accelerations (k, driven) of the driven joints
-DrivenMotion = Callable[[Array], tuple[Array, Array, Array]]
+JointLaw = Callable[[Array], tuple[Array, Array, Array]]
 
 STEPS_PER_PERIOD = 60.0  # of the fastest mode
 LONGEST_STEP = 1e-3  # s
@@ -42,7 +42,7 @@ class CarriedOut:
         return float(np.linalg.norm(apart, axis=1).max(initial=0.0))
 
 
-def planned(plan: Plan, joints: Sequence[str]) -> DrivenMotion:
+def planned(plan: Plan, joints: Sequence[str]) -> JointLaw:
     """Motion of the joints in a plan, by quintics between its rows."""
     columns = [plan.coordinate_names.index(name) for name in joints]
     step = float(plan.t[-1] - plan.t[0]) / (len(plan.t) - 1)
@@ -52,7 +52,7 @@ def planned(plan: Plan, joints: Sequence[str]) -> DrivenMotion:
 
 def carry_out(
     robot: Robot,
-    motion: DrivenMotion,
+    motion: JointLaw,
     joints: Sequence[str],
     near: Array,
     times: Array,
@@ -72,7 +72,7 @@ def carry_out(
     times : (k,) array
         Evenly spaced [s]; the motion is stepped through more finely where modes are fast.
     """
-    own = falling(robot)
+    own = in_free_fall(robot)
     driven = own.indices(joints)
     undriven = np.setdiff1d(np.arange(own.n), np.union1d(driven, own.base_indices))
 
