@@ -58,7 +58,14 @@ def compare(name: str) -> None:
     known = make_interp_spline(plan.t, np.concatenate([plan.q, share], axis=1), k=3)
     windows = plan.preaction, plan.postaction
     problem = PathBeams(
-        TWO, *ends, EFFORT, 2 * TWO.links, curvature, windows=windows, tolerance=TOLERANCE
+        TWO,
+        ends[0],
+        ends[1],
+        EFFORT,
+        2 * TWO.links,
+        curvature,
+        windows=windows,
+        tolerance=TOLERANCE,
     )
     for mesh in MESHES:
         try:
