@@ -211,14 +211,27 @@ def move_origin(row, errors):
 
 @inlined
 def write_changes(table, along, errors, rows):
-    """Write polynomials (s, 1 + t) beside errors: of a table (k, s, t) at a fractional row."""
-    along = min(max(along, 0.0), table.shape[0] - 1.0)
-    before = min(int(along), table.shape[0] - 2)
-    share = along - before
+    """Write polynomials (s, 1 + t) beside errors: of a table (k, s, t) at a fractional row.
+
+    Between rows by cubic convolution (Catmull and Rom). A line has a kink at each row, which
+    would show errors that are not there.
+    """
+    end = table.shape[0] - 1
+    along = min(max(along, 0.0), float(end))
+    before = min(int(along), end - 1)
+    after, share = before + 1, along - before
+    first, last, rest = max(before - 1, 0), min(after + 1, end), 1.0 - share
+    outer, inner = -0.5 * share * rest * rest, -0.5 * share * share * rest
+    toward = share * share * (3.0 - 2.0 * share)
     for i in range(table.shape[1]):
         rows[i, 0] = 0.0
         for j in range(table.shape[2]):
-            rows[i, 1 + j] = (1.0 - share) * table[before, i, j] + share * table[before + 1, i, j]
+            rows[i, 1 + j] = (
+                outer * (table[first, i, j] - table[after, i, j])
+                + (1.0 - toward) * table[before, i, j]
+                + toward * table[after, i, j]
+                + inner * (table[last, i, j] - table[before, i, j])
+            )
         move_origin(rows[i], errors)
 
 

@@ -202,6 +202,17 @@ def test_robot_that_waits_for_its_motion_teaches_no_errors() -> None:
     assert not errors.values.any()
 
 
+def test_soft_beams_do_not_show_as_a_light_load_before_the_tip_moves() -> None:
+    planned = tip_exact(10.0, 1.0, described())
+    feedback = StateFeedback(planned.robot, planned.schedule())
+    Loop(planned, canadarm(0.8, 1.0, described(segments=8)), feedback, noise=0.0).run(0.8)
+    errors = feedback.filter.errors
+    assert errors is not None
+    assert errors.values[0] > 0.15
+    # 0.003; -0.13 where the plans of robots with errors have kinks between their rows
+    assert abs(errors.values[-1]) < 0.03
+
+
 def test_softer_beams_with_less_load_do_not_ring_by_what_is_learned() -> None:
     planned = tip_exact(10.0, 1.0, described())
     feedback = StateFeedback(planned.robot, planned.schedule())
