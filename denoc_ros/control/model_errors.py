@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from denoc_ros.control.feedback_design import PostureGains
 from denoc_ros.control.grid import differences
 from denoc_ros.control.planned_states import PlannedMotion
+from denoc_ros.control.residual_modes import MORE, is_hardened
 from denoc_ros.control.rest import rest_posture
 from denoc_ros.control.targets import Target
 from denoc_ros.control.tip_grid import DRAW, LONGEST_STEP, NODES, SMOOTH, TURN
@@ -30,15 +31,17 @@ ERROR_KERNELS = (estimates_ahead, plan_changes, learn_errors)
 MOST = 6  # compliances that are told apart; more count as one
 REACH = 0.2  # errors at which plans of other robots are made
 AFTER = 2.0  # s after the end of the motion that such a plan may use
-PAIRED = 4  # errors of which all pairs are tried; of more each alone
+PAIRED = 5  # errors of which all pairs are tried; of more each alone
 LIKELY = 0.2  # standard deviation of an error before anything is measured
 NONE = 10.0  # how much likelier than errors of that size none is, before anything is measured
+# of the last modes' compliance, by a unit error: they turn a beam by a seventh, under a moment
+LAST_MODES = 4.0
 LARGEST = 0.4  # error that is believed
 GATE = 4.0  # of the innovations' spread: beyond it something else was at work
 # where sensors are checked, an offset is found otherwise, and ten channels pass 4 too often
 CHECKED_GATE = 5.0
 QUIET = 0.3  # s after a pause of the loop in which its trace is not taken for an error's
-ENTERS = 0.05  # s, each of two lags by which errors come in
+ENTERS = 0.08  # s, each of two lags by which errors come in
 HISTORY = 256  # periods over which values may be late
 KEPT, APART = 3, 0.1  # estimates of the past that are kept, and the time between them [s]
 RECENT = 0.15  # s of innovations in which a sensor that contradicts the others shows
@@ -60,8 +63,8 @@ WALK = 0.01  # standard deviation of what an error changes within a second
 class ModelErrors:
     """Plans of robots with other compliances of their beams, and another load, tip as planned.
 
-    Errors: of each beam's (or spring's) compliance, then of the load. What they change is a
-    polynomial in them, of the terms of :func:`terms`.
+    Errors: of each beam's (or spring's) compliance, of that of the last modes (`LAST_MODES` times
+    it), then of the load. What they change is a polynomial in them, of the terms of :func:`terms`.
 
     Attributes
     ----------
@@ -115,12 +118,34 @@ def stiffnesses(robot: Robot) -> list[NDArray[np.intp]]:
     return groups
 
 
+def last_modes(robot: Robot) -> NDArray[np.intp]:
+    """Return the coordinate of the last mode of each bending, of beams with residual modes.
+
+    It stands for all modes that a beam's shapes leave out: these turn the tip under a moment,
+    which neither the curvature at gauges nor the deflection under a force shows.
+    """
+    found: list[int] = []
+    if is_hardened(robot, robot.joint_names):
+        for body in robot.tree.bodies:
+            if body.beam is not None and is_flexible(body) and body.beam.segments == 1:
+                modes = body.beam.modes[:2]
+                ends = robot.amplitudes(body.name).start + np.cumsum(modes)
+                found += [end - 1 for end, count in zip(ends, modes, strict=True) if count > MORE]
+    return np.array(found, dtype=np.intp)
+
+
+def compliances(robot: Robot) -> list[tuple[NDArray[np.intp], float]]:
+    """Return the coordinates whose compliance is off together, and its change by a unit error."""
+    groups, last = [(group, 1.0) for group in stiffnesses(robot)], last_modes(robot)
+    return [*groups, (last, LAST_MODES)] if len(last) else groups
+
+
 def with_errors(robot: Robot, tip: str, errors: Array) -> Robot:
     """Return a robot with errors of its compliances, and of the load at a frame."""
     other = robot.with_scaled_load(tip, 1.0 + errors[-1])
     diagonals = other.diagonals()
-    for group, error in zip(stiffnesses(robot), errors[:-1], strict=True):
-        diagonals[0, group] /= 1.0 + error
+    for (group, change), error in zip(compliances(robot), errors[:-1], strict=True):
+        diagonals[0, group] /= 1.0 + change * error
     other.set_diagonals(diagonals)
     return other
 
@@ -167,7 +192,7 @@ def model_errors(
         qd, qdd = differences(q, step)
         return q, qd, problem.torque(q, qd, qdd, none)
 
-    count = len(stiffnesses(robot)) + 1
+    count = len(compliances(robot)) + 1
     unit = REACH * np.eye(count)
     tried = [*unit, *-unit]
     if count <= PAIRED:
@@ -176,6 +201,11 @@ def model_errors(
     by_terms = np.linalg.pinv(np.array([terms(errors) for errors in tried]))
     changed = [np.array([one[part] - exact[part] for one in plans]) for part in range(3)]
     q, qd, torques = (np.einsum('tp,pkn->knt', by_terms, part) for part in changed)
+    if len(last_modes(robot)):
+        # gauges read the moment, which stays: these errors turn the joints, and bend no beam
+        bends = terms(np.where(np.arange(count) == count - 2, 0.0, 1.0))
+        q[:, robot.flexible_indices] *= bends
+        qd[:, robot.flexible_indices] *= bends
     states = np.concatenate([q[:, coordinates], qd[:, coordinates]], axis=1)
     return ModelErrors(step, *map(np.ascontiguousarray, (states, torques)))
 

@@ -457,7 +457,11 @@ def learn_errors(
 
 @inlined
 def believed(values, covariance, likely, none, work, out):
-    """Write errors (c,) by their posterior probability beside none at all."""
+    """Write errors (c,) by their posterior probability beside none at all.
+
+    Of all of them together, or of each alone, if that is larger: one error that is clear is not
+    doubted because of others that are none.
+    """
     count = len(values)
     out[:] = values
     if not factored(covariance, np.arange(count), work):
@@ -470,9 +474,11 @@ def believed(values, covariance, likely, none, work, out):
     square = 0.0
     for i in range(count):
         square += values[i] * work[count * count + i]
-    probability = 1.0 / (1.0 + math.exp(math.log(none) - 0.5 * (square + size)))
     for i in range(count):
-        out[i] = values[i] * probability
+        spread = covariance[i, i]
+        alone = values[i] * values[i] / spread + math.log(spread / likely**2)
+        odds = math.exp(math.log(none) - 0.5 * max(square + size, alone))
+        out[i] = values[i] / (1.0 + odds)
 
 
 @kernel(

@@ -71,6 +71,9 @@ def test_a_period_moves_all_estimates_as_the_robot_with_the_errors(
     wanted_spread = spread + GROWTH * np.eye(C)
     odds = np.exp(-0.5 * values @ np.linalg.solve(wanted_spread, values))
     odds *= NONE * LIKELY**C / np.sqrt(np.linalg.det(wanted_spread))
+    spreads = np.sqrt(np.diag(wanted_spread))
+    alone = NONE * LIKELY / spreads * np.exp(-0.5 * (values / spreads) ** 2)
+    odds = np.minimum(odds, alone)  # of each error
     entered = entering + ENTERS * (values / (1.0 + odds) - entering)
     entry(estimates_ahead)(
         states, torques, numbers, time, transition, push, by_errors, pushes, state, seen, bank,
