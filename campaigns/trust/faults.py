@@ -16,7 +16,9 @@ from trust.stage import INPUTS, POSTURE, Stage
 
 # s: a machine that pauses the stage for so long may pause its messages as well
 OWN_PAUSE = 0.05
-FELT = 0.3  # s for which a pause is felt: until inputs are stale, and until the torque has come back
+FELT = (
+    0.3  # s for which a pause is felt: until inputs are stale, and until the torque has come back
+)
 SETTLING = 0.03  # s until what was said before has been heard
 FOLLOWED = 0.8  # share of the messages: the rest is for the machine's own pauses
 

@@ -33,6 +33,7 @@ REACH = 0.2  # errors at which plans of other robots are made
 AFTER = 2.0  # s after the end of the motion that such a plan may use
 PAIRED = 5  # errors of which all pairs are tried; of more each alone
 LIKELY = 0.2  # standard deviation of an error before anything is measured
+LIKELY_LAST = 0.1  # of that of the last modes, which is rare
 NONE = 10.0  # how much likelier than errors of that size none is, before anything is measured
 # of the last modes' compliance, by a unit error: they turn a beam by a seventh, under a moment
 LAST_MODES = 4.0
@@ -41,7 +42,7 @@ GATE = 4.0  # of the innovations' spread: beyond it something else was at work
 # where sensors are checked, an offset is found otherwise, and ten channels pass 4 too often
 CHECKED_GATE = 5.0
 QUIET = 0.3  # s after a pause of the loop in which its trace is not taken for an error's
-ENTERS = 0.08  # s, each of two lags by which errors come in
+ENTERS = 0.05  # s, each of two lags by which errors come in
 HISTORY = 256  # periods over which values may be late
 KEPT, APART = 3, 0.1  # estimates of the past that are kept, and the time between them [s]
 RECENT = 0.15  # s of innovations in which a sensor that contradicts the others shows
@@ -74,16 +75,19 @@ class ModelErrors:
         What the plan's minimal coordinates and their rates change by.
     torques : (k, joints, terms) array
         What its torque changes by [N m, N].
+    likely : (e,) array
+        Standard deviation of each error before anything is measured.
     """
 
     step: float
     states: Array
     torques: Array
+    likely: Array
 
     @property
     def count(self) -> int:
         """How many errors there are: of e, e (e + 3) / 2 terms."""
-        return round(math.sqrt(2.0 * self.states.shape[2] + 2.25) - 1.5)
+        return len(self.likely)
 
 
 @cache
@@ -201,13 +205,15 @@ def model_errors(
     by_terms = np.linalg.pinv(np.array([terms(errors) for errors in tried]))
     changed = [np.array([one[part] - exact[part] for one in plans]) for part in range(3)]
     q, qd, torques = (np.einsum('tp,pkn->knt', by_terms, part) for part in changed)
+    likely = np.full(count, LIKELY)
     if len(last_modes(robot)):
+        likely[-2] = LIKELY_LAST
         # gauges read the moment, which stays: these errors turn the joints, and bend no beam
         bends = terms(np.where(np.arange(count) == count - 2, 0.0, 1.0))
         q[:, robot.flexible_indices] *= bends
         qd[:, robot.flexible_indices] *= bends
     states = np.concatenate([q[:, coordinates], qd[:, coordinates]], axis=1)
-    return ModelErrors(step, *map(np.ascontiguousarray, (states, torques)))
+    return ModelErrors(step, np.ascontiguousarray(states), np.ascontiguousarray(torques), likely)
 
 
 def _nodes(motion: PlannedMotion) -> tuple[float, Array]:
@@ -228,9 +234,10 @@ class ErrorEstimate:
     by `seen` @ (errors - used). The gains stay as they are.
 
     Errors z (e,) with covariance P count by their posterior probability beside none at all,
-    1 / (1 + n exp(-z' P^-1 z / 2) s^e / sqrt(det P)), with n, s the constants `NONE` and `LIKELY`.
-    They enter through two lags, which leave out the modes that the design takes for damped: these
-    would ring, and what rings would be learned for an error.
+    1 / (1 + n exp(-z' P^-1 z / 2) prod(s) / sqrt(det P)), with n the constant `NONE` and s how
+    large they are `likely` to be; each alone if that is larger. That of the last modes is first
+    weighed against its being none. They enter through two lags, which leave out the modes that
+    the design takes for damped: these would ring, and what rings would be learned for an error.
 
     A second estimate of the deviations, which nothing feeds back, shows the errors by its
     innovations: it allows for less that nobody knows than the filter of a loop must. It is a
@@ -289,7 +296,7 @@ class ErrorEstimate:
         count = errors.count
         self.values, self.used, self._entering = np.zeros((3, count))
         self.seen: Array = np.zeros((size, count))
-        self._covariance: Array = LIKELY**2 * np.eye(count)
+        self._covariance: Array = np.diag(errors.likely**2)
         self._quiet = self._looked = -np.inf
         # at rest errors do not show: what is seen before the motion and long after it is noise
         self._end = (len(self._errors.states) - 1) * self._errors.step
@@ -311,9 +318,10 @@ class ErrorEstimate:
         self._explained = np.zeros(count + sensors)
         self._mean, self._agreed = np.zeros((2, sensors))
         self._before, self._doubts = np.zeros((2, measured))
+        rare = int(np.argmin(errors.likely)) if np.ptp(errors.likely) > 0.0 else -1
         self._numbers = np.array([
             errors.step, period, period / (period + AVERAGED), period / (period + ENTERS),
-            WALK**2 * period, LIKELY, NONE,
+            WALK**2 * period, NONE, rare, *errors.likely,
         ])  # fmt: skip
         self._pushed = np.zeros(len(gains.push))
         self._ahead, self._changes, self._correct = map(entry, ERROR_KERNELS)
@@ -329,7 +337,7 @@ class ErrorEstimate:
     def reset(self) -> None:
         """Forget the errors and the faults."""
         self.values[:] = self.used[:] = self._entering[:] = 0.0
-        self._covariance[:] = LIKELY**2 * np.eye(len(self.values))
+        self._covariance[:] = np.diag(self._errors.likely**2)
         self._past.clear()
         self._looked = -np.inf
         self.faulty[:], self.heard[:], self._agreed[:] = False, True, 0.0
@@ -447,7 +455,7 @@ class ErrorEstimate:
             return False
         self._tested = now
         e = len(self.values)
-        inner = self._information[:e, :e] + np.eye(e) / LIKELY**2
+        inner = self._information[:e, :e] + np.diag(self._errors.likely**-2.0)
         across = self._information[:e, e:]
         by_errors = np.linalg.solve(inner, across)
         left = self._explained[e:] - self._explained[:e] @ by_errors
