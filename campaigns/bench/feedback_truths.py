@@ -18,6 +18,7 @@ BEAMS = {
     'craig-bampton 2': described(),
     'craig-bampton 4': described(modes=4),
     'clamped-free 4': described('clamped-free', modes=4),
+    'clamped-free 8': described('clamped-free', modes=8),
     '8 segments': described(segments=8),
     'MuJoCo': described(),
 }

@@ -33,9 +33,6 @@ BRIEF = 0.06  # s of a pause that leaves no more than the gains of every period 
 UNSEEN = 0.01  # s of a pause that shows neither for an error of the model nor for a fault
 UNCLEAR = 0.6  # s after a longer one in which what it left may look like a fault of a sensor
 DOUBTED = 0.3  # of what held torque did in a pause: so far the model may be off
-# s after which the gains of a settled filter have undone the noise of the estimate's first values:
-# before, it would be learned for errors of the model
-SETTLES = 0.8
 BEGINS = 1.0  # s in which an estimate that begins may contradict all sensors
 BLAMED = 1.0  # s after a fault was found, in which the sensor beside it may have been blamed
 REGAIN = 0.2  # s of good values until the estimate is believed again
@@ -316,7 +313,7 @@ class DeviationFilter:
         self._fresh, self._began, self._judges_from = False, now, now + BEGINS
         if self.errors is not None:
             self.errors.forget_deviations()
-            self.errors.doubt(self.time, SETTLES)
+            self.errors.doubt(self.time)
         self._agree(gains)
 
     def _agree(self, gains: PostureGains) -> None:

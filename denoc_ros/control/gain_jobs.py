@@ -21,7 +21,7 @@ from denoc_ros.types import Array
 
 KNOTS = ('times', 'q', 'qd', 'qdd')  # arrays that make a trajectory again
 CHANGED = ('joint_bandwidth', *LOWERED)  # settings that a design may change
-ERROR_ARRAYS = ('states', 'torques')
+ERROR_ARRAYS = ('states', 'torques', 'likely')
 INDICES = ('coordinates', 'joints', 'sensors')
 
 

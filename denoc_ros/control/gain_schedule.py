@@ -43,6 +43,7 @@ from denoc_ros.control.feedback_settings import FeedbackSettings
 from denoc_ros.control.model_errors import (
     REACH,
     ModelErrors,
+    compliances,
     knows_errors,
     model_errors,
     stiffnesses,
@@ -108,6 +109,7 @@ class Proof:
     ) -> None:  # fmt: skip
         seen = MeasuredStates(robot, joints)
         self._settings, self.hard = settings, hard
+        self._compliances = len(stiffnesses(robot))
         self._postures = [seen.posture(state.q) for state in states]
         self._plants: list[list[Plant]] = [
             [(*plant, '') for plant in plants(robot, joints, sensors, state, settings)]
@@ -143,9 +145,8 @@ class Proof:
             for model, stiffness, load, name in here:
                 tried = [(gain, part) for part in (PARTS if self.hard else PARTS[:1])]
                 if gain.by_errors.any() and (stiffness, load) != (1.0, 1.0):
-                    errors = np.append(
-                        np.full(len(gain.by_errors) - 1, 1.0 / stiffness - 1.0), load - 1.0
-                    )
+                    errors = np.zeros(len(gain.by_errors))
+                    errors[: self._compliances], errors[-1] = 1.0 / stiffness - 1.0, load - 1.0
                     transition, push = gain.with_errors(errors)
                     tried.append((replace(gain, transition=transition, push=push), PARTS[0]))
                 for used, part in tried:
@@ -275,7 +276,7 @@ def design(
     settings = _with_stable_joints(settings, proof, [models[k] for k in chosen])
     knows = knows_errors(robot)
     share = (KNOWN if hard and knows else 1.0) * settings.model_error
-    count = len(stiffnesses(robot)) + 1 if knows else 0
+    count = len(compliances(robot)) + 1 if knows else 0
     fine, others = None, [[model] * count for model in models]  # these with errors of the model
     if hard and knows:
         fine = noise_of(robot, len(joints), values, limits, settings, FINE, FINE_LEAST)

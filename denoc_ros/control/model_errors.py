@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from denoc_ros.control.feedback_design import PostureGains
 from denoc_ros.control.grid import differences
 from denoc_ros.control.planned_states import PlannedMotion
+from denoc_ros.control.residual_modes import MORE, is_hardened
 from denoc_ros.control.rest import rest_posture
 from denoc_ros.control.targets import Target
 from denoc_ros.control.tip_grid import DRAW, LONGEST_STEP, NODES, SMOOTH, TURN
@@ -30,9 +31,12 @@ ERROR_KERNELS = (estimates_ahead, plan_changes, learn_errors)
 MOST = 6  # compliances that are told apart; more count as one
 REACH = 0.2  # errors at which plans of other robots are made
 AFTER = 2.0  # s after the end of the motion that such a plan may use
-PAIRED = 4  # errors of which all pairs are tried; of more each alone
+PAIRED = 5  # errors of which all pairs are tried; of more each alone
 LIKELY = 0.2  # standard deviation of an error before anything is measured
+LIKELY_LAST = 0.1  # of that of the last modes, which is rare
 NONE = 10.0  # how much likelier than errors of that size none is, before anything is measured
+# of the last modes' compliance, by a unit error: they turn a beam by a seventh, under a moment
+LAST_MODES = 4.0
 LARGEST = 0.4  # error that is believed
 GATE = 4.0  # of the innovations' spread: beyond it something else was at work
 # where sensors are checked, an offset is found otherwise, and ten channels pass 4 too often
@@ -60,8 +64,8 @@ WALK = 0.01  # standard deviation of what an error changes within a second
 class ModelErrors:
     """Plans of robots with other compliances of their beams, and another load, tip as planned.
 
-    Errors: of each beam's (or spring's) compliance, then of the load. What they change is a
-    polynomial in them, of the terms of :func:`terms`.
+    Errors: of each beam's (or spring's) compliance, of that of the last modes (`LAST_MODES` times
+    it), then of the load. What they change is a polynomial in them, of the terms of :func:`terms`.
 
     Attributes
     ----------
@@ -71,16 +75,19 @@ class ModelErrors:
         What the plan's minimal coordinates and their rates change by.
     torques : (k, joints, terms) array
         What its torque changes by [N m, N].
+    likely : (e,) array
+        Standard deviation of each error before anything is measured.
     """
 
     step: float
     states: Array
     torques: Array
+    likely: Array
 
     @property
     def count(self) -> int:
         """How many errors there are: of e, e (e + 3) / 2 terms."""
-        return round(math.sqrt(2.0 * self.states.shape[2] + 2.25) - 1.5)
+        return len(self.likely)
 
 
 @cache
@@ -115,12 +122,34 @@ def stiffnesses(robot: Robot) -> list[NDArray[np.intp]]:
     return groups
 
 
+def last_modes(robot: Robot) -> NDArray[np.intp]:
+    """Return the coordinate of the last mode of each bending, of beams with residual modes.
+
+    It stands for all modes that a beam's shapes leave out: these turn the tip under a moment,
+    which neither the curvature at gauges nor the deflection under a force shows.
+    """
+    found: list[int] = []
+    if is_hardened(robot, robot.joint_names):
+        for body in robot.tree.bodies:
+            if body.beam is not None and is_flexible(body) and body.beam.segments == 1:
+                modes = body.beam.modes[:2]
+                ends = robot.amplitudes(body.name).start + np.cumsum(modes)
+                found += [end - 1 for end, count in zip(ends, modes, strict=True) if count > MORE]
+    return np.array(found, dtype=np.intp)
+
+
+def compliances(robot: Robot) -> list[tuple[NDArray[np.intp], float]]:
+    """Return the coordinates whose compliance is off together, and its change by a unit error."""
+    groups, last = [(group, 1.0) for group in stiffnesses(robot)], last_modes(robot)
+    return [*groups, (last, LAST_MODES)] if len(last) else groups
+
+
 def with_errors(robot: Robot, tip: str, errors: Array) -> Robot:
     """Return a robot with errors of its compliances, and of the load at a frame."""
     other = robot.with_scaled_load(tip, 1.0 + errors[-1])
     diagonals = other.diagonals()
-    for group, error in zip(stiffnesses(robot), errors[:-1], strict=True):
-        diagonals[0, group] /= 1.0 + error
+    for (group, change), error in zip(compliances(robot), errors[:-1], strict=True):
+        diagonals[0, group] /= 1.0 + change * error
     other.set_diagonals(diagonals)
     return other
 
@@ -167,7 +196,7 @@ def model_errors(
         qd, qdd = differences(q, step)
         return q, qd, problem.torque(q, qd, qdd, none)
 
-    count = len(stiffnesses(robot)) + 1
+    count = len(compliances(robot)) + 1
     unit = REACH * np.eye(count)
     tried = [*unit, *-unit]
     if count <= PAIRED:
@@ -176,8 +205,15 @@ def model_errors(
     by_terms = np.linalg.pinv(np.array([terms(errors) for errors in tried]))
     changed = [np.array([one[part] - exact[part] for one in plans]) for part in range(3)]
     q, qd, torques = (np.einsum('tp,pkn->knt', by_terms, part) for part in changed)
+    likely = np.full(count, LIKELY)
+    if len(last_modes(robot)):
+        likely[-2] = LIKELY_LAST
+        # gauges read the moment, which stays: these errors turn the joints, and bend no beam
+        bends = terms(np.where(np.arange(count) == count - 2, 0.0, 1.0))
+        q[:, robot.flexible_indices] *= bends
+        qd[:, robot.flexible_indices] *= bends
     states = np.concatenate([q[:, coordinates], qd[:, coordinates]], axis=1)
-    return ModelErrors(step, *map(np.ascontiguousarray, (states, torques)))
+    return ModelErrors(step, np.ascontiguousarray(states), np.ascontiguousarray(torques), likely)
 
 
 def _nodes(motion: PlannedMotion) -> tuple[float, Array]:
@@ -198,9 +234,10 @@ class ErrorEstimate:
     by `seen` @ (errors - used). The gains stay as they are.
 
     Errors z (e,) with covariance P count by their posterior probability beside none at all,
-    1 / (1 + n exp(-z' P^-1 z / 2) s^e / sqrt(det P)), with n, s the constants `NONE` and `LIKELY`.
-    They enter through two lags, which leave out the modes that the design takes for damped: these
-    would ring, and what rings would be learned for an error.
+    1 / (1 + n exp(-z' P^-1 z / 2) prod(s) / sqrt(det P)), with n the constant `NONE` and s how
+    large they are `likely` to be; each alone if that is larger. That of the last modes is first
+    weighed against its being none. They enter through two lags, which leave out the modes that
+    the design takes for damped: these would ring, and what rings would be learned for an error.
 
     A second estimate of the deviations, which nothing feeds back, shows the errors by its
     innovations: it allows for less that nobody knows than the filter of a loop must. It is a
@@ -259,7 +296,7 @@ class ErrorEstimate:
         count = errors.count
         self.values, self.used, self._entering = np.zeros((3, count))
         self.seen: Array = np.zeros((size, count))
-        self._covariance: Array = LIKELY**2 * np.eye(count)
+        self._covariance: Array = np.diag(errors.likely**2)
         self._quiet = self._looked = -np.inf
         # at rest errors do not show: what is seen before the motion and long after it is noise
         self._end = (len(self._errors.states) - 1) * self._errors.step
@@ -281,9 +318,10 @@ class ErrorEstimate:
         self._explained = np.zeros(count + sensors)
         self._mean, self._agreed = np.zeros((2, sensors))
         self._before, self._doubts = np.zeros((2, measured))
+        rare = int(np.argmin(errors.likely)) if np.ptp(errors.likely) > 0.0 else -1
         self._numbers = np.array([
             errors.step, period, period / (period + AVERAGED), period / (period + ENTERS),
-            WALK**2 * period, LIKELY, NONE,
+            WALK**2 * period, NONE, rare, *errors.likely,
         ])  # fmt: skip
         self._pushed = np.zeros(len(gains.push))
         self._ahead, self._changes, self._correct = map(entry, ERROR_KERNELS)
@@ -299,7 +337,7 @@ class ErrorEstimate:
     def reset(self) -> None:
         """Forget the errors and the faults."""
         self.values[:] = self.used[:] = self._entering[:] = 0.0
-        self._covariance[:] = LIKELY**2 * np.eye(len(self.values))
+        self._covariance[:] = np.diag(self._errors.likely**2)
         self._past.clear()
         self._looked = -np.inf
         self.faulty[:], self.heard[:], self._agreed[:] = False, True, 0.0
@@ -417,7 +455,7 @@ class ErrorEstimate:
             return False
         self._tested = now
         e = len(self.values)
-        inner = self._information[:e, :e] + np.eye(e) / LIKELY**2
+        inner = self._information[:e, :e] + np.diag(self._errors.likely**-2.0)
         across = self._information[:e, e:]
         by_errors = np.linalg.solve(inner, across)
         left = self._explained[e:] - self._explained[:e] @ by_errors

@@ -14,7 +14,7 @@ from denoc_ros.kernels.elimination import factor
 from denoc_ros.kernels.multipliers import solve_factored
 
 # numbers of an estimate of errors
-PLAN_STEP, PERIOD, AVERAGED, ENTERS, GROWTH, LIKELY, NONE = range(7)
+PLAN_STEP, PERIOD, AVERAGED, ENTERS, GROWTH, NONE, RARE, LIKELY = range(8)
 NUMBERS = 7
 
 
@@ -211,14 +211,27 @@ def move_origin(row, errors):
 
 @inlined
 def write_changes(table, along, errors, rows):
-    """Write polynomials (s, 1 + t) beside errors: of a table (k, s, t) at a fractional row."""
-    along = min(max(along, 0.0), table.shape[0] - 1.0)
-    before = min(int(along), table.shape[0] - 2)
-    share = along - before
+    """Write polynomials (s, 1 + t) beside errors: of a table (k, s, t) at a fractional row.
+
+    Between rows by cubic convolution (Catmull and Rom). A line has a kink at each row, which
+    would show errors that are not there.
+    """
+    end = table.shape[0] - 1
+    along = min(max(along, 0.0), float(end))
+    before = min(int(along), end - 1)
+    after, share = before + 1, along - before
+    first, last, rest = max(before - 1, 0), min(after + 1, end), 1.0 - share
+    outer, inner = -0.5 * share * rest * rest, -0.5 * share * share * rest
+    toward = share * share * (3.0 - 2.0 * share)
     for i in range(table.shape[1]):
         rows[i, 0] = 0.0
         for j in range(table.shape[2]):
-            rows[i, 1 + j] = (1.0 - share) * table[before, i, j] + share * table[before + 1, i, j]
+            rows[i, 1 + j] = (
+                outer * (table[first, i, j] - table[after, i, j])
+                + (1.0 - toward) * table[before, i, j]
+                + toward * table[after, i, j]
+                + inner * (table[last, i, j] - table[before, i, j])
+            )
         move_origin(rows[i], errors)
 
 
@@ -443,23 +456,46 @@ def learn_errors(
 
 
 @inlined
-def believed(values, covariance, likely, none, work, out):
-    """Write errors (c,) by their posterior probability beside none at all."""
+def evidence(value, variance, likely):
+    """Return twice the logarithm of how much likelier a value is of an error than of none."""
+    return value * value / variance + math.log(variance / likely**2)
+
+
+@inlined
+def probability(none, evidence):
+    """Return that of errors where none is so many times likelier before anything is measured."""
+    return 1.0 / (1.0 + math.exp(math.log(none) - 0.5 * evidence))
+
+
+@inlined
+def believed(values, covariance, likely, none, rare, work, out):
+    """Write errors (c,) by their posterior probability beside none at all.
+
+    Of all of them together, or of each alone, if that is larger: one error that is clear is not
+    doubted because of others that are none. The error `rare` is first weighed against its being
+    none, so that the others explain what was measured; -1: there is no such error. `likely`
+    (c, ...) are the standard deviations before anything is measured.
+    """
     count = len(values)
     out[:] = values
     if not factored(covariance, np.arange(count), work):
         return
-    size = -2.0 * count * math.log(likely)
+    size = 0.0
     for i in range(count):
         work[count * count + i] = values[i]
-        size -= math.log(work[(count + 1) * i])
+        size -= math.log(work[(count + 1) * i] * likely[i] ** 2)
     solve_factored(work, 0, count, count * count)
     square = 0.0
     for i in range(count):
         square += values[i] * work[count * count + i]
-    probability = 1.0 / (1.0 + math.exp(math.log(none) - 0.5 * (square + size)))
+    if rare >= 0:
+        alone = evidence(values[rare], covariance[rare, rare], likely[rare])
+        doubted = values[rare] / covariance[rare, rare] * (1.0 - probability(none, alone))
+        for i in range(count):
+            out[i] -= doubted * covariance[i, rare]
     for i in range(count):
-        out[i] = values[i] * probability
+        alone = evidence(values[i], covariance[i, i], likely[i])
+        out[i] *= probability(none, max(square + size, alone))
 
 
 @kernel(
@@ -578,7 +614,9 @@ def estimates_ahead(
         covariance[i, i] += numbers[GROWTH]
     wanted, work = values.copy(), np.empty(count * count + count)
     if sensors:
-        believed(values, covariance, numbers[LIKELY], numbers[NONE], work, wanted)
+        believed(
+            values, covariance, numbers[LIKELY:], numbers[NONE], int(numbers[RARE]), work, wanted
+        )
     change = np.empty(count)
     for j in range(count):
         entering[j] += numbers[ENTERS] * (wanted[j] - entering[j])

@@ -6,6 +6,7 @@ from itertools import combinations_with_replacement
 
 import numpy as np
 import pytest
+from scipy.interpolate import CubicHermiteSpline
 
 from denoc_ros.control.model_errors import terms
 from denoc_ros.kernels.compiled import entry
@@ -14,7 +15,8 @@ from denoc_ros.types import Array
 
 S, P, K, E, C, SENSORS, MEASURED = 6, 4, 2, 9, 3, 2, 6  # K joints, of P torques on their way
 TERMS = C * (C + 3) // 2
-STEP, PERIOD, AVERAGED, ENTERS, GROWTH, LIKELY, NONE = 0.1, 0.01, 0.3, 0.2, 1e-3, 0.2, 10.0
+STEP, PERIOD, AVERAGED, ENTERS, GROWTH, NONE = 0.1, 0.01, 0.3, 0.2, 1e-3, 10.0
+RARE, LIKELY = 1, np.array([0.2, 0.05, 0.2])
 INFINITE = np.inf
 
 
@@ -37,17 +39,22 @@ def rng() -> np.random.Generator:
     return np.random.default_rng(5)
 
 
+def between(table: Array, along: float) -> Array:
+    """Return a table at a fractional row: cubic, with the slopes of central differences."""
+    held = np.concatenate([table[:1], table, table[-1:]])
+    slopes = 0.5 * (held[2:] - held[:-2])
+    within = np.clip(along, 0.0, len(table) - 1.0)
+    return np.asarray(CubicHermiteSpline(np.arange(len(table)), table, slopes)(within))
+
+
 def test_changes_of_a_plan_are_its_tables_terms(rng: np.random.Generator) -> None:
     states, torques, errors = random(rng, 8, S, TERMS), random(rng, 8, K, TERMS), random(rng, C)
     state, torque = np.zeros(S), np.zeros(K)
-    for along in (-1.0, 0.0, 2.25, 6.9, 7.0, 11.0):
+    for along in (-1.0, 0.0, 0.4, 2.25, 6.9, 7.0, 11.0):
         entry(plan_changes)(states, torques, along, errors, state, torque)
-        within = min(max(along, 0.0), 7.0)
-        before = min(int(within), 6)
-        share = within - before
         for found, table in ((state, states), (torque, torques)):
-            row = (1.0 - share) * table[before] + share * table[before + 1]
-            np.testing.assert_allclose(found, row @ terms(errors), rtol=1e-12)
+            row = between(table, along)
+            np.testing.assert_allclose(found, row @ terms(errors), rtol=1e-9, atol=1e-12)
 
 
 def test_a_period_moves_all_estimates_as_the_robot_with_the_errors(
@@ -60,12 +67,18 @@ def test_a_period_moves_all_estimates_as_the_robot_with_the_errors(
     bank, spread = random(rng, E, SENSORS + 1, 1 + TERMS), covariance(rng, C)
     away, pushed = random(rng, S + P, 1 + C), np.zeros(S)
     values, used, entering = 0.1 * random(rng, 3, C)
-    numbers = np.array([STEP, PERIOD, AVERAGED, ENTERS, GROWTH, LIKELY, NONE])
+    numbers = np.array([STEP, PERIOD, AVERAGED, ENTERS, GROWTH, NONE, RARE, *LIKELY])
     time, before = 0.237, [each.copy() for each in (state, seen, bank, shift, away, used)]
     wanted_spread = spread + GROWTH * np.eye(C)
     odds = np.exp(-0.5 * values @ np.linalg.solve(wanted_spread, values))
-    odds *= NONE * LIKELY**C / np.sqrt(np.linalg.det(wanted_spread))
-    entered = entering + ENTERS * (values / (1.0 + odds) - entering)
+    odds *= NONE * LIKELY.prod() / np.sqrt(np.linalg.det(wanted_spread))
+    spreads = np.sqrt(np.diag(wanted_spread))
+    alone = NONE * LIKELY / spreads * np.exp(-0.5 * (values / spreads) ** 2)
+    odds = np.minimum(odds, alone)  # of each error
+    # if the rare error is none, the others are what they are given that
+    others = values - wanted_spread[:, RARE] / wanted_spread[RARE, RARE] * values[RARE]
+    mean = (values + alone[RARE] * others) / (1.0 + alone[RARE])
+    entered = entering + ENTERS * (mean / (1.0 + odds) - entering)
     entry(estimates_ahead)(
         states, torques, numbers, time, transition, push, by_errors, pushes, state, seen, bank,
         shift, spread, away, values, used, entering, pushed,
@@ -76,10 +89,7 @@ def test_a_period_moves_all_estimates_as_the_robot_with_the_errors(
     np.testing.assert_allclose(used, used0 + ENTERS * (entered - used0), rtol=1e-12)
 
     def changes(table: Array, at: float, errors: Array) -> Array:
-        before = int(at / STEP)
-        share = at / STEP - before
-        row = (1.0 - share) * table[before] + share * table[before + 1]
-        return np.asarray(row @ terms(errors))
+        return np.asarray(between(table, at / STEP) @ terms(errors))
 
     # the transition of the robot with the errors in use; errors beside them act on averages
     change = np.tensordot(used0, by_errors, 1)

@@ -140,7 +140,7 @@ def test_right_numbers_with_other_modes_keep_the_tip() -> None:
 
 
 def test_filter_that_knows_of_errors_is_that_of_the_robot_which_has_them() -> None:
-    arm, errors = canadarm(source=described()), np.array([0.05, -0.04, 0.06])
+    arm, errors = canadarm(source=described()), np.array([0.05, -0.04, 0.0, 0.06])
     robot = with_residual_modes(arm, arm.joint_names)
     state = state_at(robot, robot.joint_names, START, 0.1 * LIMITS)
     of_model, of_other = (
@@ -168,7 +168,31 @@ def test_errors_of_stiffness_and_load_at_once_are_found_on_the_way() -> None:
     assert run.error.max() < 0.015
     errors = feedback.filter.errors
     assert errors is not None
-    np.testing.assert_allclose(errors.values, [1 / 1.2 - 1, 1 / 1.2 - 1, -0.2], atol=0.015)
+    np.testing.assert_allclose(
+        errors.values[[0, 1, 3]], [1 / 1.2 - 1, 1 / 1.2 - 1, -0.2], atol=0.015
+    )
+
+
+def test_beams_that_turn_too_little_under_moments_are_found_on_the_way() -> None:
+    planned = tip_exact(10.0, 1.0, described())
+    feedback = StateFeedback(planned.robot, planned.schedule())
+    truth = canadarm(source=described('clamped-free', modes=4))
+    run = Loop(planned, truth, feedback).run(4.0)
+    # 9 mm; 83 mm where stiffness and load alone are learned, which cannot explain it
+    assert run.error.max() < 0.02
+    errors = feedback.filter.errors
+    assert errors is not None
+    np.testing.assert_allclose(errors.values, [0.0, 0.0, -0.2, 0.0], atol=0.03)
+
+
+def test_changes_of_a_beams_last_mode_turn_joints_and_leave_what_gauges_read() -> None:
+    planned = tip_exact(10.0, 1.0, described())
+    schedule = planned.schedule()
+    assert schedule.errors is not None
+    by_last = schedule.errors.states[..., 2]
+    rows = schedule.gains[0].measured[:, : by_last.shape[1]]
+    assert np.abs(by_last @ rows[1]).max() > 0.01  # rad of the second joint
+    assert not (by_last @ rows[6:].T).any()
 
 
 def test_pauses_while_errors_are_learned_blame_no_sensor_and_cost_little() -> None:
@@ -202,6 +226,17 @@ def test_robot_that_waits_for_its_motion_teaches_no_errors() -> None:
     assert not errors.values.any()
 
 
+def test_soft_beams_do_not_show_as_a_light_load_before_the_tip_moves() -> None:
+    planned = tip_exact(10.0, 1.0, described())
+    feedback = StateFeedback(planned.robot, planned.schedule())
+    Loop(planned, canadarm(0.8, 1.0, described(segments=8)), feedback, noise=0.0).run(0.8)
+    errors = feedback.filter.errors
+    assert errors is not None
+    assert errors.values[0] > 0.15
+    # 0.003; -0.13 where the plans of robots with errors have kinks between their rows
+    assert abs(errors.values[-1]) < 0.03
+
+
 def test_softer_beams_with_less_load_do_not_ring_by_what_is_learned() -> None:
     planned = tip_exact(10.0, 1.0, described())
     feedback = StateFeedback(planned.robot, planned.schedule())
@@ -212,7 +247,7 @@ def test_softer_beams_with_less_load_do_not_ring_by_what_is_learned() -> None:
     assert run.error.max() < 0.015
     assert not errors.faulty.any()
     assert feedback.share == 1.0
-    np.testing.assert_allclose(errors.values, [0.25, 0.25, -0.2], atol=0.02)
+    np.testing.assert_allclose(errors.values[[0, 1, 3]], [0.25, 0.25, -0.2], atol=0.02)
 
 
 @cache
