@@ -14,8 +14,6 @@ from trust import references, states
 from trust.outcome import Outcome, judge_torques, torque_text
 from trust.stage import INPUTS, POSTURE, Stage
 
-# s: a machine that pauses the stage for so long may pause its messages as well
-OWN_PAUSE = 0.05
 FELT = 0.3  # s: until inputs are stale, and until the torque has come back
 SETTLING = 0.03  # s until what was said before has been heard
 FOLLOWED = 0.8  # share of the messages: the rest is for the machine's own pauses
@@ -99,7 +97,7 @@ def run_fault(stage: Stage, fault: Fault, seconds: float, exact: bool) -> Outcom
         (np.abs(torques.position[lost] - POSTURE) <= fault.off + 1e-9).all(),
         'torque must be for the reference or for where the robot stands, nowhere else',
     )
-    if fault.safe is False and stage.longest_pause(begin - FELT, end) < OWN_PAUSE:
+    if fault.safe is False and not stage.absence(begin - FELT, end):
         share = float(torques.following[inside].mean())
         outcome.require(share > FOLLOWED, f'the reference must be followed, was in {share:.2f}')
     outcome.torque = torque_text(torques, begin, end)

@@ -61,7 +61,7 @@ def judge_torques(outcome: Outcome, torques: Torques, silent: bool = False) -> N
         )
         pause = float(np.diff(torques.arrival).max())
         outcome.require(
-            pause < LONGEST_PAUSE,
+            pause < LONGEST_PAUSE + torques.absent,
             f'torque must keep leaving, got a pause of {pause:.2f} s',
         )
 

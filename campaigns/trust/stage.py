@@ -46,6 +46,8 @@ DELTA = 4.0  # N m per tick
 RECOVERY = 10.0  # s after a fault, on a busy machine
 FEED_PRIORITY = 30  # SCHED_FIFO where allowed, below the node's own threads
 PATIENCE = 240.0  # s for a process to come up: a busy machine may take minutes to compile kernels
+# s: a machine that pauses the stage for so long may pause its messages and the nodes as well
+OWN_PAUSE = 0.05
 INPUTS = 'feedforward: inputs'  # status on /diagnostics
 PARAMETERS: dict[str, Any] = {
     'gravity': GRAVITY,
@@ -67,12 +69,16 @@ class StageError(AssertionError):
 
 @dataclass(frozen=True)
 class Torques:
-    """Effort messages in the order they came: arrival [s], stamp [s], position, effort (k, n)."""
+    """Effort messages in the order they came: arrival [s], stamp [s], position, effort (k, n).
+
+    `absent` is for how long [s] the machine paused the stage meanwhile, at most.
+    """
 
     arrival: NDArray[np.float64]
     stamp: NDArray[np.float64]
     position: NDArray[np.float64]
     effort: NDArray[np.float64]
+    absent: float
 
     @property
     def following(self) -> NDArray[np.bool_]:
@@ -173,10 +179,11 @@ class Stage:
             count += 1
             time.sleep(max(0.0, start + count / FEED - time.perf_counter()))
 
-    def longest_pause(self, begin: float, end: float) -> float:
-        """Return for how long [s] the stage itself said nothing, at most, on a busy machine."""
+    def absence(self, begin: float, end: float) -> float:
+        """Return for how long [s] a busy machine paused the stage, at most; 0 if not for long."""
         inside = [begin, *(moment for moment in list(self._fed) if begin < moment < end), end]
-        return float(np.diff(inside).max())
+        longest = float(np.diff(inside).max())
+        return longest if longest > OWN_PAUSE else 0.0
 
     # ---- what the nodes say
 
@@ -204,6 +211,7 @@ class Stage:
             np.array(stamps),
             np.reshape(np.array(position, dtype=float), shape),
             np.reshape(np.array(effort, dtype=float), shape),
+            self.absence(begin, end),
         )
 
     def commands(self) -> NDArray[np.float64]:

@@ -46,6 +46,7 @@ def torques(efforts: list[list[float]], pause: float = 0.002) -> Torques:
         np.multiply(0.002, count),
         position,
         np.array(efforts, dtype=np.float64),
+        0.0,
     )
 
 
