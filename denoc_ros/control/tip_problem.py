@@ -275,12 +275,12 @@ class TipProblem:
         reach = max(float(np.abs(target.poses[:, :3, 3]).max()) for target in self.targets)
         return np.flatnonzero(np.abs(errors).max(axis=1) * reach > UNREACHED * self.draw**2)
 
-    def hessian(self, q: Array, errors: Array) -> Array:
+    def hessian(self, q: Array, errors: Array, jacobian: Array) -> Array:
         """Return the Hessian (k, n, n) of half the squared errors, without what is not convex.
 
-        At nodes that are :meth:`unreached` it has the errors' second derivatives.
+        `jacobian` has the errors' derivatives; at nodes that are :meth:`unreached` their second
+        ones count as well.
         """
-        jacobian = self.error_derivatives(q, errors)
         found = jacobian.transpose(0, 2, 1) @ jacobian
         rows = self.unreached(errors)
         if len(rows):

@@ -249,7 +249,7 @@ def settle(
                     problem.equations(q, *motion, multipliers),
                     problem.momentum(*halfway(q, step)),
                 )
-                hessian = problem.hessian(q, errors)
+                hessian = problem.hessian(q, errors, jacobian)
                 matrix, since = _matrix(problem, hessian, rows, step, hold), 0.0
             changes = None
             if matrix is not None:
@@ -401,8 +401,9 @@ def sensitivity(
     motion, between = (q, *differences(q, step), solved.multipliers), halfway(q, step)
     equations, momentum = problem.equations(*motion), problem.momentum(*between)
     _, p, m = equations.by_multipliers.shape
-    jacobian = problem.error_derivatives(q, problem.errors(q))
-    hessian = problem.hessian(q, problem.errors(q))
+    errors = problem.errors(q)
+    jacobian = problem.error_derivatives(q, errors)
+    hessian = problem.hessian(q, errors, jacobian)
     matrix = _matrix(problem, hessian, (equations, momentum), step, 0.0)
     if matrix is None:
         return None
