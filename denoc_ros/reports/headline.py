@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from denoc_ros.bags.run import UNFINISHED
-from denoc_ros.reports.loop_timing import LoopMeasure
+from denoc_ros.reports.loop_timing import LoopMeasure, NodeWarnings
 from denoc_ros.reports.measures import PhaseMeasures, deflection_error, peak, rms
 from denoc_ros.reports.pages import Card, Tone, Verdict, engineering
 from denoc_ros.reports.run_files import STEPPED
@@ -52,7 +52,7 @@ def _of_phases(label: str, shown: Sequence[tuple[str, str]], count: int) -> list
 
 def verdict(
     phases: Sequence[PhaseMeasures],
-    warned: Mapping[str, tuple[int, str]],
+    warned: Mapping[str, NodeWarnings],
     duration: float,
     units: Units,
     failure: str = '',
@@ -67,7 +67,11 @@ def verdict(
         return failed(phases, failure, units, cut)
     found = said(phases, units)
     # late ticks have a card of their own
-    spoke = [name for name in sorted(warned) if not name.endswith(': loop')]
+    spoke = [
+        f'{name} ({", ".join(each.phases)})' if len(phases) > 1 else name
+        for name, each in sorted(warned.items())
+        if not name.endswith(': loop')
+    ]
     if spoke:
         found.append(f'nodes warned: {", ".join(spoke)}')
     text = '; '.join(found) or f'{duration:.4g} s are recorded'
@@ -188,9 +192,9 @@ def summary_lines(summary: Mapping[str, Any]) -> Iterator[str]:
             f'{node}: {loop["ticks"]} ticks at {1.0 / loop["nominal"]:g} Hz, '
             f'{100.0 * loop["late"] / max(loop["ticks"], 1):.2g} % late by more than half a period'
         )
-    for name, (count, text) in sorted(summary.get('warnings', {}).items()):
+    for name, (times, text, within) in sorted(summary.get('warnings', {}).items()):
         if not name.endswith(': loop'):
-            yield f'warning {name}: {text} ({count} times)'
+            yield f'warning {name}: {text} ({times} times; {", ".join(within)})'
     if shares := summary.get('processor_share'):
         listed = ', '.join(f'{node} {100.0 * share:.0f} %' for node, share in shares.items())
         yield f'share of a core: {listed}'

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -58,24 +59,33 @@ def loop_measures(statuses: Sequence[Diagnostic], since_ns: int = 0) -> tuple[Lo
     return tuple(_loop(node, values, before.get(node)) for node, values in sorted(after.items()))
 
 
+class NodeWarnings(NamedTuple):
+    """Messages of one status of a node that were not plain ok."""
+
+    times: int
+    last: str  # its text
+    phases: tuple[str, ...]  # in which they came
+
+
 def warnings(
-    statuses: Sequence[Diagnostic], intervals: Sequence[tuple[int, int]]
-) -> dict[str, tuple[int, str]]:
-    """Count by status the messages that were not plain ok, with the text of the last.
+    statuses: Sequence[Diagnostic], phases: Sequence[tuple[str, tuple[int, int]]]
+) -> dict[str, NodeWarnings]:
+    """Collect the messages that were not plain ok, by status.
 
     Parameters
     ----------
-    intervals : sequence of (int, int)
-        Begin and end [ns] of what counts: between them nodes may be restarted. A status speaks of
-        the second before its stamp, which must be in an interval whole.
+    phases : sequence of (str, (int, int))
+        Name, begin and end [ns] of what counts: between them nodes may be restarted. A status
+        speaks of the second before its stamp, which must be in a phase whole.
     """
-    found: dict[str, tuple[int, str]] = {}
+    found: dict[str, NodeWarnings] = {}
     for status in statuses:
         stamp = status.stamp_ns
-        during = any(begin + SECOND <= stamp < end for begin, end in intervals)
-        if status.level > 0 and during:
-            count = found.get(status.name, (0, ''))[0]
-            found[status.name] = count + 1, status.message
+        during = next((n for n, (begin, end) in phases if begin + SECOND <= stamp < end), None)
+        if status.level > 0 and during is not None:
+            times, _, before = found.get(status.name, NodeWarnings(0, '', ()))
+            within = before if during in before else (*before, during)
+            found[status.name] = NodeWarnings(times + 1, status.message, within)
     return found
 
 

@@ -22,7 +22,7 @@ from denoc_ros.errors import BagError, ConfigError, DenocError
 from denoc_ros.output_files import write_text
 from denoc_ros.reports import energy_balance, headline, sections
 from denoc_ros.reports.headline import time_in_words
-from denoc_ros.reports.loop_timing import LoopMeasure, loop_measures, warnings
+from denoc_ros.reports.loop_timing import LoopMeasure, NodeWarnings, loop_measures, warnings
 from denoc_ros.reports.measures import PhaseMeasures, measure, summarize
 from denoc_ros.reports.pages import PageSection, ReportPage
 from denoc_ros.reports.provenance import named_file, named_text, provenance
@@ -155,7 +155,8 @@ def _of_path(run_path: Path, command: str) -> Report:
     phases = measure(recording, robot, tip)
     statuses = recording.diagnostics()
     loops = loop_measures(statuses, recording.begin_ns)
-    warned = warnings(statuses, [recording.span_ns(each.begin, each.end) for each in phases])
+    spans = [(each.name, recording.span_ns(each.begin, each.end)) for each in phases]
+    warned = warnings(statuses, spans)
     simulated = None
     if robot is not None and session.get('kind') == SIMULATED:
         simulated = energy_balance.energy_balance(recording, robot)
@@ -224,7 +225,7 @@ class _Found:
     robot: Robot | None
     phases: Sequence[PhaseMeasures]
     loops: Sequence[LoopMeasure]
-    warned: dict[str, tuple[int, str]]
+    warned: dict[str, NodeWarnings]
     statuses: Sequence[Diagnostic]
     simulated: energy_balance.EnergyBalance | None
 

@@ -22,7 +22,7 @@ from denoc_ros.reports.figures import (
     histogram_figure,
     line_figure,
 )
-from denoc_ros.reports.loop_timing import LoopMeasure
+from denoc_ros.reports.loop_timing import LoopMeasure, NodeWarnings
 from denoc_ros.reports.measures import (
     SETTLED,
     Deflection,
@@ -213,12 +213,15 @@ def loops(measures: Sequence[LoopMeasure]) -> PageSection | None:
     )
 
 
-def warned(found: Mapping[str, tuple[int, str]]) -> PageSection | None:
+def warned(found: Mapping[str, NodeWarnings]) -> PageSection | None:
     """Section of the nodes' warnings."""
     if not found:
         return None
-    rows = [[name, str(count), text] for name, (count, text) in sorted(found.items())]
-    table = PageTable(('status', 'times', 'last'), rows)
+    rows = [
+        [name, str(each.times), each.last, ', '.join(each.phases)]
+        for name, each in sorted(found.items())
+    ]
+    table = PageTable(('status', 'times', 'last', 'phases'), rows)
     return PageSection('Warnings', 'Each node reports once a second on /diagnostics.', [], [table])
 
 

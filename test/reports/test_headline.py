@@ -12,7 +12,7 @@ from denoc_ros.bags.run import Diagnostic
 from denoc_ros.bags.series import Series
 from denoc_ros.reports import headline, sections
 from denoc_ros.reports.headline import summary_lines
-from denoc_ros.reports.loop_timing import warnings
+from denoc_ros.reports.loop_timing import NodeWarnings, warnings
 from denoc_ros.reports.measures import Deflection, PhaseMeasures, summarize
 from denoc_ros.reports.sections import Units
 
@@ -83,9 +83,21 @@ def test_warnings_count_where_a_whole_second_of_them_is_within_a_phase() -> None
         Diagnostic(round(t * second), 'plant: loop', level, f'at {t}', '', {})
         for t, level in [(9.0, 1), (10.4, 1), (12.0, 0), (13.0, 1), (19.9, 1), (20.5, 1)]
     ]
-    assert warnings(statuses, [(10 * second, 20 * second)]) == {'plant: loop': (2, 'at 19.9')}
-    assert warnings(statuses, [(0, 2**63)])['plant: loop'][0] == 5
+    found = {'plant: loop': (2, 'at 19.9', ('rigid',))}
+    assert warnings(statuses, [('rigid', (10 * second, 20 * second))]) == found
+    halves = [('rigid', (0, 15 * second)), ('flexible', (15 * second, 2**63))]
+    assert warnings(statuses, halves)['plant: loop'].phases == ('rigid', 'flexible')
+    assert warnings(statuses, [('rigid', (0, 2**63))])['plant: loop'].times == 5
     assert not warnings(statuses, [])
+
+
+def test_a_warning_is_told_with_its_phase_where_there_are_several() -> None:
+    said = {'feedforward: torque': NodeWarnings(3, 'torque clamped', ('second',))}
+    both = [phase('first', BENT), phase('second', BENT)]
+    found = headline.verdict(both, said, 15.0, Units())
+    assert found.tone == 'doubtful'
+    assert found.text.endswith('nodes warned: feedforward: torque (second).')
+    assert headline.verdict(both[1:], said, 15.0, Units()).text.endswith('feedforward: torque.')
 
 
 def test_the_tip_is_told_moving_after_the_stop_and_settled() -> None:
