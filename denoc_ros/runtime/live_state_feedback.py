@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
@@ -30,6 +31,8 @@ from denoc_ros.runtime.torque import STALE_JOINTS
 from denoc_ros.types import Array
 
 TURN = 0.1  # rad or m that a streamed reference may move before its gains are made anew
+INTERVALS = 8  # between joint states, of which the shortest counts: others may have been lost
+MOST_PERIODS = 2.5  # of the loop from a joint state to the next
 REACH = 0.3  # rad or m from where they were shown stable within which gains are used
 
 
@@ -42,6 +45,9 @@ class LiveStateFeedback:
 
     What leaves changes without a jump where parameters or the model change, or gains for them are
     refused: the difference fades within `RAMP`.
+
+    There is none either where joint states come more rarely than every `MOST_PERIODS` of the loop:
+    drives that are told as rarely hold a torque longer than the design knows.
 
     Attributes
     ----------
@@ -61,6 +67,8 @@ class LiveStateFeedback:
         self._fading: Array | None = None  # (joints,) as it was in the beginning
         self._fades_from = -np.inf  # s of the clock of ticks
         self._stamps = StampClock()
+        self._taken = -np.inf  # when the last joint state was [s]
+        self._intervals = deque[float](maxlen=INTERVALS)  # s
         self._fallbacks = self._told = 0
         self._acted = False  # there was a torque by gains in the last tick
         self.active, self.cause = False, 'no gains yet'
@@ -190,6 +198,7 @@ class LiveStateFeedback:
     def begin(self) -> None:
         """Start anew: nothing is known and no torque has left."""
         self._stamps.reset()
+        self._intervals.clear()
         self._forget_left()
         if self._now is not None:
             self._now.reset()
@@ -209,8 +218,10 @@ class LiveStateFeedback:
     ) -> None:
         """Take measured joints: stamp, arrival on the steady clock and on that of stamps [s]."""
         self._has_rates = qd is not None
+        before, self._taken = self._taken, self._stamps.taken_at(stamp, now, wall)
+        self._intervals.append(self._taken - before)
         if self._now is not None:
-            self._now.filter.take_joints(self._stamps.taken_at(stamp, now, wall), q, qd)
+            self._now.filter.take_joints(self._taken, q, qd)
 
     def take_sensor(self, place: int, taken: float, value: float) -> None:
         """Take a calibrated value of one of the robot's sensors, measured at a time [s]."""
@@ -257,6 +268,15 @@ class LiveStateFeedback:
         feedback = self._now
         if feedback is None:
             self._note('refused' if self._worker.refusal else 'no gains yet', False)
+            return None
+        longest = MOST_PERIODS * feedback.schedule.settings.period
+        if len(self._intervals) == INTERVALS and min(self._intervals) > longest:
+            feedback.rest()
+            self._note(
+                f'joint states must come every {1e3 * longest:.3g} ms or more often, '
+                f'got one every {1e3 * min(self._intervals):.2g} ms',
+                False,
+            )
             return None
         feedback.follow(now + lead, *motion)
         if not feedback.is_near(now, wanted, REACH):

@@ -68,17 +68,20 @@ class Bench:
             time.sleep(0.002)
             self.live.watch(self.follower, np.asarray(position))
 
-    def ticks(self, count: int, q: Any, off: float = 0.0, rates: bool = True) -> np.ndarray:
-        """Return the torques (count, 3); zero where there is none."""
+    def ticks(
+        self, count: int, q: Any, off: float = 0.0, rates: bool = True, every: int = 1
+    ) -> np.ndarray:
+        """Return the torques (count, 3), measured each so many ticks; zero where none is."""
         live, robot, torques = self.live, self.robot, np.zeros((count, 3))
         state = np.zeros(robot.n)
         state[robot.joint_indices] = q
         zero, still = np.zeros(robot.n), np.zeros(3) if rates else None
         for k in range(count):
             self.now += PERIOD
-            live.take_joints(self.now, self.now, self.now, np.asarray(q) + off, still)
-            for place in range(4):
-                live.take_sensor(place, self.now, 0.0)
+            if k % every == 0:
+                live.take_joints(self.now, self.now, self.now, np.asarray(q) + off, still)
+                for place in range(4):
+                    live.take_sensor(place, self.now, 0.0)
             torque = live.torque(self.now, 0.0, np.asarray(q), (state, zero, zero))
             if torque is not None:
                 torques[k] = torque
@@ -132,6 +135,22 @@ def test_gains_of_a_trajectory_from_elsewhere_act_before_it_begins(planner: Plan
     bench.ticks(1000, START)
     assert bench.live.active
     assert bench.live.postures > 1
+
+
+def test_joint_states_rarer_than_the_loop_knows_leave_the_plan_alone(planner: Planner) -> None:
+    """Drives that are told as rarely hold a torque longer than the loop was proven stable for."""
+    bench = Bench(planner)
+    bench.watch(START)
+    bench.ticks(1000, START, off=1e-5, every=2)
+    assert bench.live.active
+    bench.ticks(45, START, off=1e-5, every=5)
+    assert 'joint states must come every' in bench.live.cause
+    torques = bench.ticks(800, START, off=1e-5, every=5)
+    assert torques[0].any()
+    assert np.abs(np.diff(torques, axis=0)).max() < 0.01 * np.abs(torques).max()  # it fades
+    assert not torques[-100:].any()
+    bench.ticks(1000, START, off=1e-5)
+    assert bench.live.active
 
 
 def test_refused_gains_leave_the_plan_alone_and_say_why(planner: Planner) -> None:
