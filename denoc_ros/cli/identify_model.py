@@ -31,13 +31,13 @@ from denoc_ros.cli.arguments import (
     window_findings,
 )
 from denoc_ros.cli.batch import WorkerConfig, add_worker_options, worker_config
-from denoc_ros.cli.identify_options import Action, written_result
+from denoc_ros.cli.identify_options import Action, Fit
 from denoc_ros.cli.identify_rows import RowKind, recordings, rows_result
 from denoc_ros.cli.motion_file import write_joint_trajectory, write_points
 from denoc_ros.cli.progress import Progress, share_bar
 from denoc_ros.cli.verb_result import VerbResult
 from denoc_ros.cli.verbs import exit_status
-from denoc_ros.dynamics.robot import load_robot
+from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.errors import BagError
 from denoc_ros.identification.model.excitation import Excitation, design_excitation
 from denoc_ros.identification.model.fit import IdentifiedModel, identify_model
@@ -193,26 +193,25 @@ def model_options(args: argparse.Namespace) -> ModelOptions:
     )
 
 
-def _model(args: argparse.Namespace) -> VerbResult:
-    if args.apply is not None and args.apply.exists():
-        raise BagError(f'{args.apply}: --apply must be a new file, got an existing one')
-    paths, workers = recordings(args.bags), worker_config(args)
-    each = args.each or workers != WorkerConfig()
-    if each and args.apply is not None:
+def _model(
+    bags: list[str],
+    apply: Path | None,
+    each: bool,
+    output: Path | None,
+    json: bool,
+    workers: WorkerConfig,
+    options: ModelOptions,
+) -> Fit | VerbResult:
+    if apply is not None and apply.exists():
+        raise BagError(f'{apply}: --apply must be a new file, got an existing one')
+    paths, each = recordings(bags), each or workers != WorkerConfig()
+    if each and apply is not None:
         raise BagError('--apply must come with one model, got --each, --workers or --scheduler')
-    options = model_options(args)
     if each:
-        kind = model_rows(options)
-        return rows_result(kind, options, paths, args.output, workers, not args.json)
+        return rows_result(model_rows(options), options, paths, output, workers, not json)
     with Progress().step('identifying'):
         document, found = options.identify(paths)
-    told = [] if args.apply is None else _applied(args.apply, options, found)
-    return written_result(
-        args.output,
-        document,
-        lambda result: '\n'.join([*told, model_text(result)]),
-        lambda result: model_page(result, args.command),
-    )
+    return Fit(document, head=[] if apply is None else _applied(apply, options, found))
 
 
 def _applied(target: Path, options: ModelOptions, found: IdentifiedModel) -> list[str]:
@@ -336,25 +335,29 @@ def _add_limits(parser: argparse.ArgumentParser) -> None:
         add_pairs(group, f'--{name} {form}', text, float)
 
 
-def _excite(args: argparse.Namespace) -> VerbResult:
-    options = _excite_options(args)
-    file = given_file(args.robot, 'robot')
-    robot = overridden(load_robot(file, gravity=tuple(args.gravity)), args)
-    with share_bar(args.json) as bar:
+def _excite(
+    options: dict[str, Any],
+    file: Path,
+    robot: Robot,
+    free: list[str],
+    interval: float,
+    files: tuple[Path, Path | None, Path | None],
+    command: str,
+    json: bool,
+) -> VerbResult:
+    output, trajectory, page = files
+    with share_bar(json) as bar:
         found = design_excitation(
-            robot, args.free, **options, progress=lambda share: bar.update(share - bar.n)
+            robot, free, **options, progress=lambda share: bar.update(share - bar.n)
         )
-    rows = found.rows(
-        np.linspace(0.0, found.duration, 1 + math.ceil(found.duration / args.interval))
-    )
+    rows = found.rows(np.linspace(0.0, found.duration, 1 + math.ceil(found.duration / interval)))
     motion = (rows.q, rows.qd, rows.qdd)
-    write_points(args.output, _head(found), found.joints, rows.t, motion)
-    if args.trajectory is not None:
-        write_joint_trajectory(args.trajectory, found.joints, rows.t, motion)
-    document = {'output': str(args.output), 'robot': named_file(file), **excitation_result(found)}
-    if args.page is not None:
-        page = excitation_page(found, document, robot.tree, args.command)
-        write_text(args.page, page.html())
+    write_points(output, _head(found), found.joints, rows.t, motion)
+    if trajectory is not None:
+        write_joint_trajectory(trajectory, found.joints, rows.t, motion)
+    document = {'output': str(output), 'robot': named_file(file), **excitation_result(found)}
+    if page is not None:
+        write_text(page, excitation_page(found, document, robot.tree, command).html())
     return VerbResult(document, [excitation_text(document)], exit_status(document['verdict']))
 
 
@@ -370,6 +373,12 @@ def _excite_options(args: argparse.Namespace) -> dict[str, Any]:
     return {name: getattr(args, name) for name in (*always, *given)}
 
 
+def _overridden(args: argparse.Namespace) -> Robot:
+    return overridden(
+        load_robot(given_file(args.robot, 'robot'), gravity=tuple(args.gravity)), args
+    )
+
+
 def _head(found: Excitation) -> str:
     return (
         '# Planned by `denoc identify excite`: from rest to rest, for '
@@ -380,19 +389,30 @@ def _head(found: Excitation) -> str:
 DECLARED = (
     Action(
         'model',
+        'stiffness, payload, inertia, friction, gains and delays of a whole robot',
         'Fit numbers of the robot to measured effort, gauges and other sensors of one run or '
         'several, by maximum likelihood. For each number: its value, a 95 %% interval, and '
         'whether it is found, doubtful or not identifiable; and which combinations are '
         'identifiable where single numbers are not.',
         _add_model,
         _model,
+        model_text,
+        model_page,
+        {'options': model_options, 'workers': worker_config},
     ),
     Action(
         'excite',
+        'plan the motion whose recording identifies numbers of a robot best',
         'Find the motion within limits, a Fourier series of each joint from rest to rest, whose '
         'recording tells `denoc identify model` most of the free numbers; print the 95 %% '
         'intervals to expect, and what no motion shows.',
         _add_excite,
         _excite,
+        settings={
+            'options': _excite_options,
+            'file': lambda args: given_file(args.robot, 'robot'),
+            'robot': _overridden,
+            'files': lambda args: (args.output, args.trajectory, args.page),
+        },
     ),
 )

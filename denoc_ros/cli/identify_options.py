@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from inspect import signature
 from pathlib import Path
+from typing import Any
 
 from denoc_ros.cli.arguments import (
     WINDOW,
@@ -30,33 +32,60 @@ from denoc_ros.output_files import Document, write_text
 from denoc_ros.reports.pages import ReportPage
 from denoc_ros.reports.provenance import versions
 
+Asked = tuple[tuple[float, float], int | None]  # band [Hz], number of modes
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Result of an action with a verdict, for a text and for a page and a file in a folder."""
+
+    document: Document
+    drawn: tuple[Any, ...] = ()  # further arguments of the page
+    notes: Sequence[str] = ()  # lines on stderr
+    head: Sequence[str] = ()  # lines before the text
+
 
 @dataclass(frozen=True)
 class Action:
-    """One action of `denoc identify`."""
+    """One action of `denoc identify`.
 
+    Its computation takes options by their names; nothing behind it sees the parsed arguments.
+    """
+
+    # these two are literals: `identify.declared_actions` reads them from the source
     name: str
+    summary: str
     description: str
     add_options: Callable[[argparse.ArgumentParser], None]  # declares its arguments
-    # of the parsed arguments the result; what they mean goes on as values of their own
-    run: Callable[[argparse.Namespace], VerbResult]
+    fit: Callable[..., Fit | VerbResult]
+    # of a Fit's document, the lines for a terminal
+    text: Callable[[Document], str] = lambda document: f'verdict: {document["verdict"]}'
+    # of a Fit's document, what is drawn and the command line; None: its folder has none
+    page: Callable[..., ReportPage] | None = None
+    # how an argument of `fit` that is no option follows from all of them
+    settings: Mapping[str, Callable[[argparse.Namespace], Any]] = field(default_factory=dict)
 
-
-def written_result(
-    output: Path | None,
-    document: Document,
-    text: Callable[[Document], str],
-    page: Callable[[Document], ReportPage],
-    notes: Sequence[str] = (),
-) -> VerbResult:
-    """Return the result of an action; write it and its page to a folder if one is named."""
-    document = {**document, 'versions': versions()}
-    if output:
-        if (output / RESULT_FILE).exists():
-            notes = [*notes, f'denoc identify: {output}: the earlier result is replaced']
-        write_result(output, document)
-        write_text(output / 'report.html', page(document).html())
-    return VerbResult(document, [text(document)], exit_status(document['verdict']), notes)
+    def run(self, args: argparse.Namespace) -> VerbResult:
+        """Fit; write the result and its page to a folder if one is named."""
+        settings = {**SHARED, **self.settings}
+        found = self.fit(
+            **{
+                name: settings[name](args) if name in settings else getattr(args, name)
+                for name in signature(self.fit).parameters
+            }
+        )
+        if isinstance(found, VerbResult):
+            return found
+        document, notes = {**found.document, 'versions': versions()}, found.notes
+        if output := args.output:
+            if (output / RESULT_FILE).exists():
+                notes = [*notes, f'denoc identify: {output}: the earlier result is replaced']
+            write_result(output, document)
+            if self.page is not None:
+                page = self.page(document, *found.drawn, args.command)
+                write_text(output / 'report.html', page.html())
+        lines = [*found.head, self.text(document)]
+        return VerbResult(document, lines, exit_status(document['verdict']), notes)
 
 
 def add_recording_options(parser: argparse.ArgumentParser, several: bool = False) -> None:
@@ -84,7 +113,7 @@ def add_verdict_options(parser: argparse.ArgumentParser) -> None:
     add_number(group, '--modes K', int, text, '', 1)
 
 
-def asked_of(args: argparse.Namespace) -> tuple[tuple[float, float], int | None]:
+def asked_of(args: argparse.Namespace) -> Asked:
     """Return band [Hz] and number of the requested modes; ConfigError with findings."""
     findings, band = [], (0.0, math.inf)
     if args.band:
@@ -104,6 +133,15 @@ def channel_of(args: argparse.Namespace) -> Channel:
     findings = ['--gain must not be 0, got 0'] if args.gain == 0.0 else []
     require([*findings, *window_findings(args)])
     return settings_of(Channel, args)
+
+
+# settings that several actions take
+SHARED: Mapping[str, Callable[[argparse.Namespace], Any]] = {
+    'channel': channel_of,
+    'asked': asked_of,
+    'gravity': lambda args: tuple(args.gravity),
+    'held': lambda args: args.joints == 'held',
+}
 
 
 def add_robot_options(parser: argparse.ArgumentParser, robot: bool = True) -> None:

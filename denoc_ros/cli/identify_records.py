@@ -24,13 +24,14 @@ from denoc_ros.cli.arguments import (
 from denoc_ros.cli.batch import WorkerConfig, add_worker_options, worker_config
 from denoc_ros.cli.identify_options import (
     Action,
+    Asked,
+    Fit,
     add_channel_options,
     add_recording_options,
     add_robot_options,
     add_verdict_options,
     asked_of,
     channel_of,
-    written_result,
 )
 from denoc_ros.cli.identify_rows import RowKind, recordings, rows_result
 from denoc_ros.cli.verb_result import VerbResult
@@ -69,24 +70,24 @@ def _add_signal(parser: argparse.ArgumentParser) -> None:
     add_json(parser)
 
 
-def _info(args: argparse.Namespace) -> VerbResult:
+def _info(path: Path, channel: Channel) -> VerbResult:
     """List the signals; an error when none of them makes a record."""
-    rows = describe(args.path, channel_of(args))
+    rows = describe(path, channel)
     good = [row for row in rows if 'problem' not in row]
     bad = [row for row in rows if 'problem' in row]
     if not good:
         raise BagError('\n'.join(dict.fromkeys(row['problem'] for row in bad)))
     lines = [
-        f'{args.path}: {len(rows)} signals',
+        f'{path}: {len(rows)} signals',
         text_table(good),
         *(f'  {row["signal"]}: {row["problem"]}' for row in bad),
     ]
-    return VerbResult({'file': str(args.path), 'signals': rows}, lines)
+    return VerbResult({'file': str(path), 'signals': rows}, lines)
 
 
-def _segment(args: argparse.Namespace) -> VerbResult:
+def _segment(path: Path, channel: Channel) -> VerbResult:
     """List the segments; exit status 3 when there is no free decay."""
-    record = read_record(args.path, channel_of(args)).record
+    record = read_record(path, channel).record
     rows = [
         {
             'kind': segment.kind,
@@ -134,20 +135,15 @@ def decay_options(args: argparse.Namespace) -> DecayOptions:
     )
 
 
-def _modal(args: argparse.Namespace) -> VerbResult:
+def _modal(
+    paths: list[str], output: Path | None, workers: WorkerConfig, json: bool, options: DecayOptions
+) -> Fit | VerbResult:
     """Identify; exit status of the modes asked for: 0 good, 2 doubtful, 3 not identifiable."""
-    paths, workers = recordings(args.paths), worker_config(args)
-    options = decay_options(args)
-    if len(paths) > 1 or str(paths[0]) not in args.paths or workers != WorkerConfig():
-        return rows_result(MODAL, options, paths, args.output, workers, not args.json)
-    document, analysis = identify_decay(paths[0], options)
-    return written_result(
-        args.output,
-        document,
-        decay_text,
-        lambda result: decay_page(result, analysis, args.command),
-        _left_out(options, document),
-    )
+    found = recordings(paths)
+    if len(found) > 1 or str(found[0]) not in paths or workers != WorkerConfig():
+        return rows_result(MODAL, options, found, output, workers, not json)
+    document, analysis = identify_decay(found[0], options)
+    return Fit(document, (analysis,), _left_out(options, document))
 
 
 def _left_out(options: DecayOptions, document: Document) -> list[str]:
@@ -206,20 +202,22 @@ def _add_joint(parser: argparse.ArgumentParser) -> None:
     add_option(group, '--spring', 'the restoring torque is a linear spring, not gravity')
 
 
-def _joint(args: argparse.Namespace) -> VerbResult:
-    inertia, torque = args.inertia, args.gravity_torque
-    rod = (args.mass_per_length, args.length)
-    if inertia is not None and torque is not None:
+def _joint(
+    path: Path,
+    channel: Channel,
+    inertia: float | None,
+    gravity_torque: float | None,
+    mass_per_length: float | None,
+    length: float | None,
+    spring: bool,
+) -> Fit:
+    if inertia is not None and gravity_torque is not None:
         require(['--gravity-torque must not come with --inertia, got both'])
-    reading = read_record(args.path, channel_of(args))
-    fit = fit_joint(reading.record, inertia, torque, not args.spring)
-    document = joint_result(reading, fit, inertia is not None or torque is not None, *rod)
-    return written_result(
-        args.output,
-        document,
-        joint_text,
-        lambda result: joint_page(result, reading.record, fit, args.command),
-    )
+    reading = read_record(path, channel)
+    fit = fit_joint(reading.record, inertia, gravity_torque, not spring)
+    scaled = inertia is not None or gravity_torque is not None
+    document = joint_result(reading, fit, scaled, mass_per_length, length)
+    return Fit(document, (reading.record, fit))
 
 
 def _add_forced(parser: argparse.ArgumentParser) -> None:
@@ -244,24 +242,21 @@ def _add_forced(parser: argparse.ArgumentParser) -> None:
     add_verdict_options(parser)
 
 
-def _forced(args: argparse.Namespace) -> VerbResult:
-    channel, (band, count) = channel_of(args), asked_of(args)
+def _inputs(args: argparse.Namespace) -> list[Channel]:
     force = replace(
-        channel,
+        channel_of(args),
         topic=args.force_topic,
         quantity=args.force_quantity,
         gain=1.0,
         offset=0.0,
         unit='',
     )
-    inputs = [replace(force, field=field) for field in args.force_field]
-    document, record, found = identify_forced(args.path, channel, inputs, band, count)
-    return written_result(
-        args.output,
-        document,
-        forced_text,
-        lambda result: forced_page(result, record, found, args.command),
-    )
+    return [replace(force, field=field) for field in args.force_field]
+
+
+def _forced(path: Path, channel: Channel, inputs: list[Channel], asked: Asked) -> Fit:
+    document, *drawn = identify_forced(path, channel, inputs, *asked)
+    return Fit(document, tuple(drawn))
 
 
 def _add_servo(parser: argparse.ArgumentParser) -> None:
@@ -290,19 +285,20 @@ def _add_servo(parser: argparse.ArgumentParser) -> None:
     add_settings(group, Channel, *WINDOW)
 
 
-def _servo(args: argparse.Namespace) -> VerbResult:
+def _servo_options(args: argparse.Namespace) -> ServoOptions:
     require(window_findings(args))
-    channel = settings_of(Channel, args)
-    options = ServoOptions(channel, args.commanded, args.column, args.joint or ())
-    document, found = identify_servos(args.path, options)
-    return written_result(
-        args.output, document, servo_text, lambda result: servo_page(result, found, args.command)
-    )
+    return ServoOptions(settings_of(Channel, args), args.commanded, args.column, args.joint or ())
+
+
+def _servo(path: list[Path], options: ServoOptions) -> Fit:
+    document, found = identify_servos(path, options)
+    return Fit(document, (found,))
 
 
 DECLARED = (
     Action(
         'info',
+        'rate, gaps, jitter, clipping, noise of the signals of a recording',
         'List the signals of a bag or a table: rate, gaps, jitter, clipping, resolution, noise. '
         '--topic and --field select some of them.',
         _add_signal,
@@ -310,39 +306,55 @@ DECLARED = (
     ),
     Action(
         'segment',
+        'find releases, free decays, steps and rests in a signal',
         'List the segments of a signal: free decays, steps, rests.',
         _add_signal,
         _segment,
     ),
     Action(
         'modal',
+        'modes and damping ratios of a free decay, or of a folder of them',
         'Identify the modes of a free decay and their number. Several recordings, a folder or a '
         'quoted pattern give one row each.',
         _add_modal,
         _modal,
+        decay_text,
+        decay_page,
+        {'options': decay_options, 'workers': worker_config},
     ),
     Action(
         'joint',
+        'viscous and Coulomb friction of a joint from a free swing',
         'Fit viscous, Coulomb and quadratic friction to a free swing at large angle, report which '
         'of them are significant, and give the logarithmic decrement, exact and as printed in the '
         'book.',
         _add_joint,
         _joint,
+        joint_text,
+        joint_page,
     ),
     Action(
         'forced',
+        'modes from torque and response',
         'Fit a rational frequency response to a measured input (torque, by --force-*) and its '
         'response (--topic, --field). A table without times takes --rate; with --rate 1 '
         'frequencies are in cycles per sample.',
         _add_forced,
         _forced,
+        forced_text,
+        forced_page,
+        {'inputs': _inputs},
     ),
     Action(
         'servo',
+        'bandwidth, damping, delay and static gain of position-controlled joints',
         'Fit a second-order lag with a delay and a static gain to the commanded and the measured '
         'positions of joints; several recordings are fitted together. The result is the '
         "shaper's `servo.*`.",
         _add_servo,
         _servo,
+        servo_text,
+        servo_page,
+        {'options': _servo_options},
     ),
 )

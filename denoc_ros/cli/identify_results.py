@@ -41,27 +41,35 @@ def _add_apply(parser: argparse.ArgumentParser) -> None:
     add_robot_options(parser, robot=False)
 
 
-def _apply(args: argparse.Namespace) -> VerbResult:
-    require_new(args.output)
-    results = [read_result(path) for path in args.results]
-    robot = load_robot(given_file(args.robot, 'robot'), gravity=tuple(args.gravity))
-    held = args.joints == 'held'
-    overrides = overrides_of_results(robot, results, args.at, held, args.doubtful, args.joint)
-    write_text(args.output, edited_description(robot.tree.source, overrides))
-    lines = [f'{args.output}: {args.robot} with']
+def _apply(
+    results: list[Path],
+    output: Path,
+    robot: str,
+    gravity: tuple[float, float, float],
+    at: dict[str, float],
+    held: bool,
+    doubtful: bool,
+    joint: str,
+) -> VerbResult:
+    require_new(output)
+    read = [read_result(path) for path in results]
+    arm = load_robot(given_file(robot, 'robot'), gravity=gravity)
+    overrides = overrides_of_results(arm, read, at, held, doubtful, joint)
+    write_text(output, edited_description(arm.tree.source, overrides))
+    lines = [f'{output}: {robot} with']
     for path, value in overrides.items():
         listed = value if isinstance(value, list) else [value]
         lines.append(f'  {path}: {" ".join(f"{number:.6g}" for number in listed)}')
-    return VerbResult({'output': str(args.output), 'overrides': overrides}, lines)
+    return VerbResult({'output': str(output), 'overrides': overrides}, lines)
 
 
-def _compare(args: argparse.Namespace) -> VerbResult:
+def _compare(results: list[Path]) -> VerbResult:
     """Compare; exit status 2 when runs differ by more than their intervals let expect."""
-    compared = compare_results([read_result(path) for path in args.results])
+    compared = compare_results([read_result(path) for path in results])
     rows = [
         {
             'f [Hz]': mode.frequency_hz,
-            'runs': f'{len(mode.runs)} of {len(args.results)}',
+            'runs': f'{len(mode.runs)} of {len(results)}',
             'zeta': mode.damping_ratio,
             'deviation': mode.damping_deviation,
             'expected': mode.expected_deviation,
@@ -72,20 +80,20 @@ def _compare(args: argparse.Namespace) -> VerbResult:
         for mode in compared
     ]
     modes = [{**dataclasses.asdict(mode), 'consistent': mode.consistent} for mode in compared]
-    document = {'results': list(map(str, args.results)), 'modes': modes}
+    document = {'results': list(map(str, results)), 'modes': modes}
     status = 0 if all(mode.consistent for mode in compared) else DOUBTFUL
     return VerbResult(document, [text_table(plain(rows))] if rows else [], status)
 
 
-def _postures(args: argparse.Namespace) -> VerbResult:
+def _postures(results: list[Path], output: Path, doubtful: bool) -> VerbResult:
     """Write the table; exit status 2 where a doubtful mode is in it."""
-    require_new(args.output)
-    if args.output.suffix not in ('.yaml', '.yml'):
-        raise ConfigError('postures', [f'--output must end in .yaml, got {args.output.name!r}'])
-    results = [(path, read_result(path)) for path in args.results]
-    table, good = posture_table(results, args.doubtful, str(args.output))
+    require_new(output)
+    if output.suffix not in ('.yaml', '.yml'):
+        raise ConfigError('postures', [f'--output must end in .yaml, got {output.name!r}'])
+    read = [(path, read_result(path)) for path in results]
+    table, good = posture_table(read, doubtful, str(output))
     values = table.text_values()
-    write_text(args.output, yaml.safe_dump(values, sort_keys=False, default_flow_style=None))
+    write_text(output, yaml.safe_dump(values, sort_keys=False, default_flow_style=None))
     rows = [
         {
             **{name: f'{q:.4g}' for name, q in zip(table.joints, posture, strict=True)},
@@ -96,8 +104,8 @@ def _postures(args: argparse.Namespace) -> VerbResult:
             table.positions, table.frequencies, table.ratios, strict=True
         )
     ]
-    lines = [text_table(rows), f'{len(rows)} postures in {args.output}']
-    document = {'output': str(args.output), **values}
+    lines = [text_table(rows), f'{len(rows)} postures in {output}']
+    document = {'output': str(output), **values}
     return VerbResult(document, lines, 0 if good else DOUBTFUL)
 
 
@@ -108,6 +116,7 @@ def _percent(value: float) -> str:
 DECLARED = (
     Action(
         'apply',
+        "write identified damping into a robot's URDF",
         'Compute the damping with which the robot has the identified modes, and write it into its '
         '<flexibility> block; or write the friction of a joint into its <dynamics>. Nothing else '
         'in the file changes. Several results of modes are combined.',
@@ -116,6 +125,7 @@ DECLARED = (
     ),
     Action(
         'compare',
+        'modes of several runs: mean, spread, repeatability',
         'Compare the modes of several results: mean, standard deviation between runs, largest '
         'difference of two runs in 95 %% of cases. Exit status 2 if runs differ by more than '
         'their intervals allow.',
@@ -124,6 +134,7 @@ DECLARED = (
     ),
     Action(
         'postures',
+        'modes at several postures as a table for the shaper',
         'Write the modes of several results, one posture each, into the table that `denoc shape '
         '--mode-table` and the shaper node (`mode_table`) read. The robot needs no beams. A '
         'result has the posture of `--at` or of the joint states of its bag, and the modes that '

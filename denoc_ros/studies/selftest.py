@@ -13,7 +13,7 @@ import numpy as np
 from scipy.stats import binom
 
 from denoc_ros.cli.arguments import add_json, add_option
-from denoc_ros.cli.batch import FAILURE, add_worker_options, run_batch, worker_config
+from denoc_ros.cli.batch import FAILURE, WorkerConfig, add_worker_options, run_batch, worker_config
 from denoc_ros.cli.identify_options import Action
 from denoc_ros.cli.verb_result import VerbResult
 from denoc_ros.cli.verbs import DOUBTFUL
@@ -489,18 +489,16 @@ def _add_selftest(parser: argparse.ArgumentParser) -> None:
     add_worker_options(parser)
 
 
-def _selftest(args: argparse.Namespace) -> VerbResult:
-    workers = worker_config(args)
-
+def _selftest(full: bool, seed: int | None, json: bool, workers: WorkerConfig) -> VerbResult:
     def runner(measure: Callable[[Job], Outcome], jobs: Iterable[Job]) -> Iterator[Outcome]:
         items = {str(k): (measure, job) for k, job in enumerate(jobs)}
-        for row in run_batch(outcome_row, items, None, workers, 'records', not args.json):
+        for row in run_batch(outcome_row, items, None, workers, 'records', not json):
             if row[FAILURE]:
                 raise IdentificationError(f'selftest: record {row["key"]}: {row[FAILURE]}')
             yield row['outcome']
 
-    seed, outcomes = selftest(args.full, args.seed, runner)
-    rows = table(outcomes, 0.0 if args.full else CHANCE_OF_SHORT)
+    seed, outcomes = selftest(full, seed, runner)
+    rows = table(outcomes, 0.0 if full else CHANCE_OF_SHORT)
     shown = [
         {
             'condition': row.condition,
@@ -515,7 +513,7 @@ def _selftest(args: argparse.Namespace) -> VerbResult:
         }
         for row in rows
     ]
-    document = {'seed': seed, 'full': args.full, 'rows': list(map(dataclasses.asdict, rows))}
+    document = {'seed': seed, 'full': full, 'rows': list(map(dataclasses.asdict, rows))}
     status = 0 if all(row.passed for row in rows) else DOUBTFUL
     return VerbResult(document, [f'seed {seed}', text_table(shown)], status)
 
@@ -533,9 +531,11 @@ def _percent(part: float) -> str:
 DECLARED = (
     Action(
         'selftest',
+        'accuracy of the estimators on synthetic decays with known truth',
         'Draw decays with known modes and the defects of a bag, identify them, and compare the '
         'errors with the required accuracy. Exit status 2 if it is not reached.',
         _add_selftest,
         _selftest,
+        settings={'workers': worker_config},
     ),
 )

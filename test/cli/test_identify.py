@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import argparse
+import importlib
+import inspect
 import json
 from pathlib import Path
 
@@ -11,6 +14,8 @@ import yaml
 from data_files import SERVO_SWING
 from page_look import require_one_look
 
+from denoc_ros.cli.identify import declared_actions
+from denoc_ros.cli.identify_options import SHARED
 from denoc_ros.cli.main import main
 from denoc_ros.identification.records import Record
 from denoc_ros.reports.identify_result import interval_text
@@ -225,3 +230,20 @@ def test_applied_damping_is_what_rang(
     assert main(['identify', 'compare', results[0], results[0]]) == 0
     assert main([*apply[:2], str(bag), *apply[3:], '-o', str(tmp_path / 'x.urdf')]) == 1
     assert 'result must be readable' in capsys.readouterr().err
+
+
+def test_sources_and_modules_name_the_same_actions() -> None:
+    known = declared_actions()
+    modules = {importlib.import_module(each.module) for each in known.values()}
+    declared = [action for module in modules for action in module.DECLARED]
+    assert {action.name: action.summary for action in declared} == {
+        name: each.summary for name, each in known.items()
+    }
+    for action in declared:
+        parser = argparse.ArgumentParser()
+        action.add_options(parser)
+        options = {each.dest for each in parser._actions} | {'command'}
+        assert set(inspect.signature(action.fit).parameters) <= options | {
+            *SHARED,
+            *action.settings,
+        }
