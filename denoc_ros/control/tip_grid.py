@@ -36,8 +36,9 @@ HALVINGS = 2  # of the step, where the equations do not hold well between nodes
 GRID_ERROR = 3e-7  # of the tip's distance: root mean square of the equations between nodes
 TURN = 0.01  # of the tip's distance: how much a radian of turn counts
 # rad per rad of joints: where these turn a tip less, near a singular posture, its turn counts less
-FAINT = 0.25
-LEAST_TURN = 0.1  # share of what it counts
+FAINT = 0.15
+STEEP = 3  # power by which it counts less
+LEAST_TURN = 0.03  # share of what it counts
 PLACES = 41  # along a motion, at which that is looked at
 DRAW = 1e-4  # of the tip's distance: what a radian away from the asked joints counts
 # times both, where a base floats and fewer joints than directions move the tip: what they do to
@@ -185,7 +186,7 @@ class TipGrids:
             places: Array = np.linspace(0.0, asked.duration, PLACES)
             problem = self._problem(asked, places, 1.0, 1.0)
             turn = max(target.turn for target in problem.targets)
-            share = least_moved(problem) / max(FAINT * turn, 1e-300)
+            share = (least_moved(problem) / max(FAINT * turn, 1e-300)) ** STEEP
             self._turn = min(max(share, LEAST_TURN), 1.0)
         return self._problem(asked, nodes, finer, self._turn)
 
