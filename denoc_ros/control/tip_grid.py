@@ -186,8 +186,8 @@ class TipGrids:
             places: Array = np.linspace(0.0, asked.duration, PLACES)
             problem = self._problem(asked, places, 1.0, 1.0)
             turn = max(target.turn for target in problem.targets)
-            share = (least_moved(problem) / max(FAINT * turn, 1e-300)) ** STEEP
-            self._turn = min(max(share, LEAST_TURN), 1.0)
+            share = min(least_moved(problem) / max(FAINT * turn, 1e-300), 1.0)
+            self._turn = max(share**STEEP, LEAST_TURN)
         return self._problem(asked, nodes, finer, self._turn)
 
     def _problem(self, asked: Motion, nodes: Array, finer: float, turns: float) -> TipProblem:
@@ -214,7 +214,7 @@ class TipGrids:
     def plan(self, grid: TipGrid, asked: Motion) -> Plan:
         """Return the plan of a motion on the grid, on finer times, with its torque and errors."""
         problem, nodes, step, robot = grid.problem, grid.nodes, grid.step, self.robot
-        fine = max(1, math.ceil(step / self.options.output_step - 1e-9))
+        fine = max(4, math.ceil(step / self.options.output_step - 1e-9))
         t = nodes[0] + step / fine * np.arange((len(nodes) - 1) * fine + 1)
         motion = grid.motion.sample(t)
         if len(problem.base):
