@@ -282,8 +282,8 @@ class TipProblem:
         ones count as well.
         """
         found = jacobian.transpose(0, 2, 1) @ jacobian
-        rows = self.unreached(errors) if self.curved else ()
-        if len(rows):
+        rows = self.unreached(errors)
+        if self.curved and len(rows):
             parts = np.split(errors[rows], len(self.targets), axis=1)
             pairs = zip(self.targets, parts, strict=True)
             bends = sum(t.curvature(self.robot, q[rows], part) for t, part in pairs)
