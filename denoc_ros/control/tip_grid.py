@@ -36,8 +36,9 @@ HALVINGS = 2  # of the step, where the equations do not hold well between nodes
 GRID_ERROR = 3e-7  # of the tip's distance: root mean square of the equations between nodes
 TURN = 0.01  # of the tip's distance: how much a radian of turn counts
 # rad per rad of joints: where these turn a tip less, near a singular posture, its turn counts less
-FAINT = 0.25
-LEAST_TURN = 0.1  # share of what it counts
+FAINT = 0.15
+STEEP = 3  # power by which it counts less
+LEAST_TURN = 0.03  # share of what it counts
 PLACES = 41  # along a motion, at which that is looked at
 DRAW = 1e-4  # of the tip's distance: what a radian away from the asked joints counts
 # times both, where a base floats and fewer joints than directions move the tip: what they do to
@@ -185,8 +186,8 @@ class TipGrids:
             places: Array = np.linspace(0.0, asked.duration, PLACES)
             problem = self._problem(asked, places, 1.0, 1.0)
             turn = max(target.turn for target in problem.targets)
-            share = least_moved(problem) / max(FAINT * turn, 1e-300)
-            self._turn = min(max(share, LEAST_TURN), 1.0)
+            share = min(least_moved(problem) / max(FAINT * turn, 1e-300), 1.0)
+            self._turn = max(share**STEEP, LEAST_TURN)
         return self._problem(asked, nodes, finer, self._turn)
 
     def _problem(self, asked: Motion, nodes: Array, finer: float, turns: float) -> TipProblem:
@@ -213,7 +214,7 @@ class TipGrids:
     def plan(self, grid: TipGrid, asked: Motion) -> Plan:
         """Return the plan of a motion on the grid, on finer times, with its torque and errors."""
         problem, nodes, step, robot = grid.problem, grid.nodes, grid.step, self.robot
-        fine = max(1, math.ceil(step / self.options.output_step - 1e-9))
+        fine = max(4, math.ceil(step / self.options.output_step - 1e-9))
         t = nodes[0] + step / fine * np.arange((len(nodes) - 1) * fine + 1)
         motion = grid.motion.sample(t)
         if len(problem.base):

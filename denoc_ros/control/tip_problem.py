@@ -19,7 +19,7 @@ Int = NDArray[np.int64]
 
 
 SMOOTHER = 30.0  # times, where a problem is eased
-UNREACHED = 0.1  # times the squared draw: errors times a lever that matter beside it
+UNREACHED = 10.0  # times the squared draw: errors times a lever that matter beside it
 STEP = 1e-7  # of a difference of Jacobians [rad, m]: exact to seven digits, as Newton steps need
 
 
@@ -266,14 +266,14 @@ class TipProblem:
         return np.concatenate([t.derivative(self.robot, q, part) for t, part in pairs], axis=1)
 
     def unreached(self, errors: Array) -> Int:
-        """Return the nodes of a `curved` problem whose errors (k, 6 targets) matter.
+        """Return the nodes whose position is out of reach, by errors (k, 6 targets).
 
-        They do beside the draw; a bent arm does not reach as far as a straight one.
+        What is left there matters beside the draw; a bent arm does not reach as far as a straight
+        one.
         """
-        if not self.curved:
-            return np.zeros(0, dtype=np.int64)
         reach = max(float(np.abs(target.poses[:, :3, 3]).max()) for target in self.targets)
-        return np.flatnonzero(np.abs(errors).max(axis=1) * reach > UNREACHED * self.draw**2)
+        left = np.abs(errors.reshape(len(errors), -1, 6)[:, :, :3]).max(axis=(1, 2))
+        return np.flatnonzero(left * reach > UNREACHED * self.draw**2)
 
     def hessian(self, q: Array, errors: Array, jacobian: Array) -> Array:
         """Return the Hessian (k, n, n) of half the squared errors, without what is not convex.
@@ -283,7 +283,7 @@ class TipProblem:
         """
         found = jacobian.transpose(0, 2, 1) @ jacobian
         rows = self.unreached(errors)
-        if len(rows):
+        if self.curved and len(rows):
             parts = np.split(errors[rows], len(self.targets), axis=1)
             pairs = zip(self.targets, parts, strict=True)
             bends = sum(t.curvature(self.robot, q[rows], part) for t, part in pairs)

@@ -287,10 +287,11 @@ def settle(
         slow = iteration > 1 and (halving > 0 or back or moved > 0.5 * last)
         since += max(float(np.abs(change).max(initial=0.0)) for change in changes)
         # errors that stay weigh the equations' derivatives, which must be those of the solution
-        stale = hold > 0.0 or since > ALIKE or len(problem.unreached(errors)) > 0
+        unreached = len(problem.unreached(errors)) > 0
+        stale = hold > 0.0 or since > ALIKE or (problem.curved and unreached)
         if not moved < QUICK * last or stale:
             matrix = None
-        if slow and fresh and not problem.curved:
+        if slow and fresh and unreached and not problem.curved:
             problem.curved, matrix = True, None
         elif slow and fresh:
             hold = min(max(2.0 * hold, HOLD * size), size)

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from control_runs import ROBOTS, cycloid
+from scipy.interpolate import make_interp_spline
 from timed_paths import rigid_arm
 
 import denoc_ros as dn
@@ -93,6 +94,31 @@ def test_a_path_from_a_straight_arm_has_one_least_time(
         assert plan.stretch == pytest.approx(least, rel=7e-3)
         assert plan.limits is not None
         assert max(plan.limits.largest.values()) <= 1.001
+
+
+def test_torques_of_a_short_motion_hold_at_the_ticks_of_a_loop() -> None:
+    """They have peaks of a millisecond, between the nodes of the grid."""
+    arm = dn.load_robot(ROBOTS / 'two_link_ff.urdf', gravity=(0, 0, 0))
+    arm = arm.with_overrides({f'joint.{name}.armature': 0.5 for name in arm.joint_names})
+    way = cycloid(np.array([0.3, 0.6]), np.full(2, 0.5), 1.0)(0.1 * TIMES)
+    effort = np.array([100.0, 40.0])
+    plan = dn.shape_motion(arm, 0.1 * TIMES, way, time='minimum', turn=0.0, effort=effort)
+    ticks = np.arange(plan.t[0], plan.t[-1], 1e-3)
+    motion = (make_interp_spline(plan.t, rows, k=3)(ticks) for rows in (plan.q, plan.qd, plan.qdd))
+    torque = arm.inverse_dynamics(*motion)[:, arm.joint_indices]
+    assert (np.abs(torque).max(axis=0) <= 1.001 * effort).all()
+
+
+def test_steps_near_singular_postures_settle_quickly() -> None:
+    """Elastic turns that a wrist can hardly make are left, not followed to and fro."""
+    arm = dn.load_robot(ROBOTS / 'ssrms.urdf', gravity=(0, 0, 0))
+    random = np.random.default_rng(3)
+    first = np.array([0.2, 0.5, -0.9, 0.4, 0.3, 0.2]) + random.uniform(-0.3, 0.3, 6)
+    way = 0.5 * random.uniform(0.5, 1.1, 6)
+    asked = AskedMotion(arm, 1.6 * TIMES, cycloid(first, way, 16.0)(1.6 * TIMES))
+    grid = TipGrids(arm, arm.frame_names[-1:], arm.joint_indices, TipOptions()).solve(asked, 2.0)
+    assert not grid.problem.curved
+    assert grid.solved.iterations <= 3
 
 
 def test_errors_that_stay_have_their_second_derivatives(canadarm: dn.Robot) -> None:
