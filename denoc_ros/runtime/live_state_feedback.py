@@ -31,7 +31,7 @@ from denoc_ros.runtime.torque import STALE_JOINTS
 from denoc_ros.types import Array
 
 TURN = 0.1  # rad or m that a streamed reference may move before its gains are made anew
-INTERVALS = 8  # between joint states, of which the shortest counts: others may have been lost
+INTERVALS = 25  # between joint states, of which the shortest counts: others may have been lost
 MOST_PERIODS = 2.5  # of the loop from a joint state to the next
 REACH = 0.3  # rad or m from where they were shown stable within which gains are used
 

@@ -69,7 +69,7 @@ class Feed:
     def until(self, condition: Callable[[], object]) -> None:
         def fed() -> object:
             now = time.perf_counter()
-            if now - self._last > 0.004:
+            if now - self._last > 0.002:
                 self._last = now
                 beside = [each + AWAY for each in START]
                 self._joints.publish(JointState(name=JOINTS, position=beside, velocity=[0.0] * 3))
