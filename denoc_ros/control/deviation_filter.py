@@ -317,9 +317,9 @@ class DeviationFilter:
         self._counts[fits] += 1.0
         self._innovation[fits] = 0.0
         turning = self._biased[self._new[self._biased]]  # of those the bias is what is known least
-        self._innovation[turning] = 0.0
-        self._surprise[:] = self._innovation
         if now < self._began + FIRST:
+            self._innovation[turning] = 0.0
+            self._surprise[:] = self._innovation
             return
         self._begins = False
         self._counts[self._biased] = 0.0
@@ -328,7 +328,9 @@ class DeviationFilter:
         rows = weights[:, None] * gains.measured[at, : self._deviations] * gains.unit
         missed = weights * self._first[at] / self._counts[at]
         self.state[: self._deviations] += gains.unit * (np.linalg.pinv(rows) @ missed)
-        self._own.since(-np.inf)[1][:] += gains.measured @ self.state - before
+        change = gains.measured @ self.state - before
+        self._own.since(-np.inf)[1][:] += change
+        self._innovation[turning] -= change[turning]
         if self.errors is not None:
             self.errors.forget_deviations()
         self._agree(gains)
