@@ -313,16 +313,16 @@ class DeviationFilter:
         fits = self._new & (np.abs(self._innovation) <= most) & np.isfinite(gains.spread)
         if self.errors is not None:
             fits &= self.errors.heard
+        fits[self._biased] = False  # of those the bias is what is known least
         self._first[fits] += self._innovation[fits]
         self._counts[fits] += 1.0
         self._innovation[fits] = 0.0
-        turning = self._biased[self._new[self._biased]]  # of those the bias is what is known least
+        turning = self._biased[self._new[self._biased]]
         if now < self._began + FIRST:
             self._innovation[turning] = 0.0
             self._surprise[:] = self._innovation
             return
         self._begins = False
-        self._counts[self._biased] = 0.0
         at = np.flatnonzero(self._counts)
         before, weights = gains.measured @ self.state, 1.0 / gains.spread[at]
         rows = weights[:, None] * gains.measured[at, : self._deviations] * gains.unit
