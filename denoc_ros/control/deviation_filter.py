@@ -34,6 +34,9 @@ UNSEEN = 0.01  # s of a pause that shows neither for an error of the model nor f
 UNCLEAR = 0.6  # s after a longer one in which what it left may look like a fault of a sensor
 DOUBTED = 0.3  # of what held torque did in a pause: so far the model may be off
 BEGINS = 1.0  # s in which an estimate that begins may contradict all sensors
+# s over whose mean it begins: the noise of one value bends long beams by millimetres, and their
+# way back, half a second, would be learned for errors of the model
+FIRST = 0.06
 BLAMED = 1.0  # s after a fault was found, in which the sensor beside it may have been blamed
 REGAIN = 0.2  # s of good values until the estimate is believed again
 
@@ -115,6 +118,7 @@ class DeviationFilter:
         self._found = np.zeros(4)
         self._innovation, self._surprise = np.zeros((2, seen))
         self._good_at = np.zeros(seen)
+        self._first, self._counts = np.zeros((2, seen))  # sums of the first innovations
         self._plan, self._own = StateHistory(HISTORY, seen), StateHistory(HISTORY, seen)
         self._slot = {int(place): 2 * self._k + at for at, place in enumerate(self._sensors)}
         self._pause: Pause | None = None
@@ -138,7 +142,7 @@ class DeviationFilter:
         self._good_at[:] = -np.inf
         self.believed, self.cause, self._fresh = False, 'no measurements yet', True
         self._doubted_at, self._age, self.blind = np.nan, np.nan, True
-        self._began, self._judges_from = np.nan, -np.inf
+        self._began, self._judges_from, self._begins = np.nan, -np.inf, False
         self._pause = None
         self.joints[:], self.joints_at = 0.0, -np.inf
         if self.errors is not None:
@@ -221,7 +225,9 @@ class DeviationFilter:
         if new[0]:
             self.joints_at = stamps[0]
         if self._fresh and new[0]:
-            self._begin(now, gains)
+            self._begin(now)
+        if self._begins and self._pause is None:
+            self._start(now, gains)
         elif self._pause is not None and new[0]:
             self._regain(gains)
         if len(self._biased):
@@ -293,27 +299,40 @@ class DeviationFilter:
         self._innovation[self._new] -= (seen - before)[self._new]
         self._surprise[:] = self._innovation
 
-    def _begin(self, now: float, gains: PostureGains) -> None:
-        """Start from the measured state: a jump would look like vibration."""
-        before, most = gains.measured @ self.state, FAR * gains.reach
+    def _begin(self, now: float) -> None:
+        """Begin to measure where to start."""
+        self._fresh, self._begins, self._began, self._judges_from = False, True, now, now + BEGINS
+        self._first[:] = self._counts[:] = 0.0
+        if self.errors is not None:
+            self.errors.doubt(self.time)
+
+    def _start(self, now: float, gains: PostureGains) -> None:
+        """Start from the mean of what was measured first: a jump would look like vibration."""
+        most = FAR * gains.reach
         most[: 2 * self._k] = np.inf
         fits = self._new & (np.abs(self._innovation) <= most) & np.isfinite(gains.spread)
         if self.errors is not None:
             fits &= self.errors.heard
         fits[self._biased] = False  # of those the bias is what is known least
-        at = np.flatnonzero(fits)
-        weights = 1.0 / gains.spread[at]
-        rows = weights[:, None] * gains.measured[at, : self._deviations]
-        self.state[: self._deviations] += np.linalg.pinv(rows) @ (weights * self._innovation[at])
-        after = gains.measured @ self.state
-        self._own.since(-np.inf)[1][:] = after
+        self._first[fits] += self._innovation[fits]
+        self._counts[fits] += 1.0
+        self._innovation[fits] = 0.0
         turning = self._biased[self._new[self._biased]]
-        self._innovation[turning] -= (after - before)[turning]
-        self._innovation[at] = 0.0
-        self._fresh, self._began, self._judges_from = False, now, now + BEGINS
+        if now < self._began + FIRST:
+            self._innovation[turning] = 0.0
+            self._surprise[:] = self._innovation
+            return
+        self._begins = False
+        at = np.flatnonzero(self._counts)
+        before, weights = gains.measured @ self.state, 1.0 / gains.spread[at]
+        rows = weights[:, None] * gains.measured[at, : self._deviations] * gains.unit
+        missed = weights * self._first[at] / self._counts[at]
+        self.state[: self._deviations] += gains.unit * (np.linalg.pinv(rows) @ missed)
+        change = gains.measured @ self.state - before
+        self._own.since(-np.inf)[1][:] += change
+        self._innovation[turning] -= change[turning]
         if self.errors is not None:
             self.errors.forget_deviations()
-            self.errors.doubt(self.time)
         self._agree(gains)
 
     def _agree(self, gains: PostureGains) -> None:
@@ -325,7 +344,7 @@ class DeviationFilter:
     def _begin_biases(self, gains: PostureGains) -> None:
         """Initialize a gyroscope's bias by its first value."""
         first = self._unbiased & self._new[self._biased]
-        if self._fresh or not first.any():
+        if self._fresh or self._begins or not first.any():
             return
         at, biases = self._biased[first], self.state[len(self.state) - len(self._biased) :]
         most = self._most_bias[first]

@@ -65,6 +65,14 @@ class DeviationModel:
         """How many minimal coordinates there are."""
         return len(self.linear.inertia)
 
+    @property
+    def softness(self) -> Array:
+        """Deviations (m,) of equal elastic energy, the largest 1; 1 where nothing is elastic."""
+        least = self.stiff[self.stiff > 0.0].min(initial=np.inf)
+        return np.asarray(
+            np.sqrt(np.divide(least, self.stiff, np.ones(self.size), where=self.stiff > 0.0))
+        )
+
     def varied(self, stiffness: float) -> DeviationModel:
         """Return the model with all elastic stiffness times a factor."""
         m, linear = self.size, self.linear

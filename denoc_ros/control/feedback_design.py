@@ -110,6 +110,9 @@ class PostureGains:
     by_errors : (errors, 2 m, 2 m + past + joints) array
         Change of what y, the torques on their way and the new one make of y over a period, by
         unit errors of the model; zero where the filter does not follow them.
+    unit : (2 m,) array
+        Deviations that are as likely as one another where an estimate begins: bent by as much
+        energy.
     """
 
     gain: Array
@@ -125,6 +128,7 @@ class PostureGains:
     learner: Array
     surprise: Array
     by_errors: Array
+    unit: Array
 
     def with_errors(self, errors: Array) -> tuple[Array, Array]:
         """Return `transition` and `push` of a robot with errors of the model (errors,)."""

@@ -347,7 +347,7 @@ def _gains(
         gains.append(PostureGains(*map(np.ascontiguousarray, (
             gain_of(problem, cost, limits, settings), transition, push, correction,
             measured, spread, blind, reach_of(model, noise), problem.virtual, inner, learner,
-            surprise, changes,
+            surprise, changes, np.tile(model.softness, 2),
         ))))  # fmt: skip
     gains.reverse()
     return gains

@@ -34,7 +34,10 @@ AFTER = 2.0  # s after the end of the motion that such a plan may use
 PAIRED = 5  # errors of which all pairs are tried; of more each alone
 LIKELY = 0.2  # standard deviation of an error before anything is measured
 LIKELY_LAST = 0.1  # of that of the last modes, which is rare
-NONE = 10.0  # how much likelier than errors of that size none is, before anything is measured
+# how much likelier than errors of that size none is, before anything is measured; and than the
+# rare one
+NONE, RARELY = 3.0, 10.0
+UNSURE = 0.03  # standard deviation of what other modes of beams show as the rare error
 # of the last modes' compliance, by a unit error: they turn a beam by a seventh, under a moment
 LAST_MODES = 4.0
 LARGEST = 0.4  # error that is believed
@@ -321,7 +324,7 @@ class ErrorEstimate:
         rare = int(np.argmin(errors.likely)) if np.ptp(errors.likely) > 0.0 else -1
         self._numbers = np.array([
             errors.step, period, period / (period + AVERAGED), period / (period + ENTERS),
-            WALK**2 * period, NONE, rare, *errors.likely,
+            WALK**2 * period, NONE, rare, RARELY, UNSURE, *errors.likely,
         ])  # fmt: skip
         self._pushed = np.zeros(len(gains.push))
         self._ahead, self._changes, self._correct = map(entry, ERROR_KERNELS)

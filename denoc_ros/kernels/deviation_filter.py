@@ -14,8 +14,8 @@ from denoc_ros.kernels.elimination import factor
 from denoc_ros.kernels.multipliers import solve_factored
 
 # numbers of an estimate of errors
-PLAN_STEP, PERIOD, AVERAGED, ENTERS, GROWTH, NONE, RARE, LIKELY = range(8)
-NUMBERS = 7
+PLAN_STEP, PERIOD, AVERAGED, ENTERS, GROWTH, NONE, RARE, RARELY, UNSURE, LIKELY = range(10)
+NUMBERS = 9
 
 
 @inlined
@@ -468,15 +468,16 @@ def probability(none, evidence):
 
 
 @inlined
-def believed(values, covariance, likely, none, rare, work, out):
+def believed(values, covariance, numbers, work, out):
     """Write errors (c,) by their posterior probability beside none at all.
 
     Of all of them together, or of each alone, if that is larger: one error that is clear is not
-    doubted because of others that are none. The error `rare` is first weighed against its being
-    none, so that the others explain what was measured; -1: there is no such error. `likely`
-    (c, ...) are the standard deviations before anything is measured.
+    doubted because of others that are none. The error RARE is first weighed against its being
+    none, so that the others explain what was measured; -1: there is no such error. From LIKELY on
+    are the standard deviations before anything is measured.
     """
-    count = len(values)
+    count, rare = len(values), int(numbers[RARE])
+    none, likely = numbers[NONE], numbers[LIKELY:]
     out[:] = values
     if not factored(covariance, np.arange(count), work):
         return
@@ -489,8 +490,9 @@ def believed(values, covariance, likely, none, rare, work, out):
     for i in range(count):
         square += values[i] * work[count * count + i]
     if rare >= 0:
-        alone = evidence(values[rare], covariance[rare, rare], likely[rare])
-        doubted = values[rare] / covariance[rare, rare] * (1.0 - probability(none, alone))
+        variance = covariance[rare, rare]
+        alone = evidence(values[rare], variance + numbers[UNSURE] ** 2, likely[rare])
+        doubted = values[rare] / variance * (1.0 - probability(numbers[RARELY], alone))
         for i in range(count):
             out[i] -= doubted * covariance[i, rare]
     for i in range(count):
@@ -516,8 +518,9 @@ def estimates_ahead(
         Changes of the plan by terms of the errors.
     numbers : (NUMBERS,) array
         Step of these tables and period [s]; shares of a period in the average of `away` and in
-        lags of the errors in use; growth of their variance in a period; their deviation at first,
-        and how much likelier none is.
+        lags of the errors in use; growth of their variance in a period; how much likelier than
+        them none is; which one is rare, how much likelier none is there, and by what deviation it
+        may seem to be; their deviations at first.
     time : float
         Of the plan [s].
     transition, push : (e, e) and (s, p) arrays
@@ -614,9 +617,7 @@ def estimates_ahead(
         covariance[i, i] += numbers[GROWTH]
     wanted, work = values.copy(), np.empty(count * count + count)
     if sensors:
-        believed(
-            values, covariance, numbers[LIKELY:], numbers[NONE], int(numbers[RARE]), work, wanted
-        )
+        believed(values, covariance, numbers, work, wanted)
     change = np.empty(count)
     for j in range(count):
         entering[j] += numbers[ENTERS] * (wanted[j] - entering[j])

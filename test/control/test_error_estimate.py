@@ -16,7 +16,7 @@ from denoc_ros.types import Array
 S, P, K, E, C, SENSORS, MEASURED = 6, 4, 2, 9, 3, 2, 6  # K joints, of P torques on their way
 TERMS = C * (C + 3) // 2
 STEP, PERIOD, AVERAGED, ENTERS, GROWTH, NONE = 0.1, 0.01, 0.3, 0.2, 1e-3, 10.0
-RARE, LIKELY = 1, np.array([0.2, 0.05, 0.2])
+RARE, RARELY, UNSURE, LIKELY = 1, 20.0, 0.1, np.array([0.2, 0.05, 0.2])
 INFINITE = np.inf
 
 
@@ -67,7 +67,9 @@ def test_a_period_moves_all_estimates_as_the_robot_with_the_errors(
     bank, spread = random(rng, E, SENSORS + 1, 1 + TERMS), covariance(rng, C)
     away, pushed = random(rng, S + P, 1 + C), np.zeros(S)
     values, used, entering = 0.1 * random(rng, 3, C)
-    numbers = np.array([STEP, PERIOD, AVERAGED, ENTERS, GROWTH, NONE, RARE, *LIKELY])
+    numbers = np.array([
+        STEP, PERIOD, AVERAGED, ENTERS, GROWTH, NONE, RARE, RARELY, UNSURE, *LIKELY
+    ])  # fmt: skip
     time, before = 0.237, [each.copy() for each in (state, seen, bank, shift, away, used)]
     wanted_spread = spread + GROWTH * np.eye(C)
     odds = np.exp(-0.5 * values @ np.linalg.solve(wanted_spread, values))
@@ -77,7 +79,9 @@ def test_a_period_moves_all_estimates_as_the_robot_with_the_errors(
     odds = np.minimum(odds, alone)  # of each error
     # if the rare error is none, the others are what they are given that
     others = values - wanted_spread[:, RARE] / wanted_spread[RARE, RARE] * values[RARE]
-    mean = (values + alone[RARE] * others) / (1.0 + alone[RARE])
+    seeming = np.hypot(spreads[RARE], UNSURE)
+    rare = RARELY * LIKELY[RARE] / seeming * np.exp(-0.5 * (values[RARE] / seeming) ** 2)
+    mean = (values + rare * others) / (1.0 + rare)
     entered = entering + ENTERS * (mean / (1.0 + odds) - entering)
     entry(estimates_ahead)(
         states, torques, numbers, time, transition, push, by_errors, pushes, state, seen, bank,
