@@ -113,7 +113,8 @@ class StateFeedback:
     -----
     What the controller remembers is the torque on its way, as it was clamped, and the integrals,
     which rest while anything is clamped: so nothing winds up. The estimate is driven by the
-    clamped torque as well.
+    clamped torque as well, and by what the plan's torque has become too small or too large by when
+    it acts: after the delay, less the lead of the plan, and held for a period.
     """
 
     def __init__(self, robot: Robot, schedule: GainSchedule, start: float = 0.0) -> None:
@@ -132,6 +133,8 @@ class StateFeedback:
         self._stands_alone = bool(schedule.gains[0].joints.any())
         self._own, self._state = HandOver(k), HandOver(k)
         self._plan: Array | None = None  # torque of the plan at the last tick
+        self._followed = 0.0  # the time of that plan [s]
+        self._behind = np.zeros(k)  # torque by which it is behind when it acts, and held
         self._deviations, self._unchanged = np.zeros((2, len(schedule.gains[0].push)))
         self._torques, self._govern = map(entry, TORQUE_KERNELS)
         self.limited = 0
@@ -207,6 +210,7 @@ class StateFeedback:
     def follow(self, time: float, q: Array, qd: Array, qdd: Array | None = None) -> None:
         """Take the plan's coordinates and derivatives (n,) of a time [s], which may be ahead."""
         self.filter.follow(time, q, qd, qdd)
+        self._followed = time
 
     def torque(self, now: float, plan: Array | None = None) -> Array:
         """Return the torque (joints,) to add to the plan's; the same array each time.
@@ -289,10 +293,15 @@ class StateFeedback:
     def _catch_up(self, now: float, plan: Array | None) -> None:
         """Bring the estimate over the periods since the last tick that had none."""
         before, self._plan = self._plan, plan
+        self._behind[:] = 0.0
         if self._last == -np.inf:
             return
-        missed = round((now - self._last) / self.schedule.settings.period) - 1
-        if missed * self.schedule.settings.period > LONGEST:
+        settings = self.schedule.settings
+        if before is not None and plan is not None:
+            late = settings.delay + 0.5 * settings.period - (self._followed - now)
+            self._behind[:] = late / max(now - self._last, settings.period) * (plan - before)
+        missed = round((now - self._last) / settings.period) - 1
+        if missed * settings.period > LONGEST:
             self.reset()
         elif missed > 0:
             # the drives held the whole torque meanwhile, and the plan went on
@@ -300,7 +309,7 @@ class StateFeedback:
             gains, pushed = self.schedule.gains[self._at], np.zeros(len(self._deviations))
             for period in range(1, missed + 1):
                 pushed += self._go_on(gains, self._left + period / (missed + 1) * drift)
-            self.filter.doubt(pushed, missed * self.schedule.settings.period, now)
+            self.filter.doubt(pushed, missed * settings.period, now)
 
     def _go_on(self, gains: PostureGains, change: Array) -> Array:
         """Bring the estimate forward by a period in which a torque was added to the plan's.
@@ -322,5 +331,5 @@ class StateFeedback:
             m = gains.virtual.shape[1]
             step = self.schedule.settings.period
             self.integrals += step * (gains.virtual @ self._deviations[:m])
-        self._go_on(gains, change)
+        self._go_on(gains, change - self._behind)
         self._left[:] = change

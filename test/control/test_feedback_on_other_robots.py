@@ -235,6 +235,15 @@ def test_noise_of_the_first_values_does_not_move_the_tip(seed: int) -> None:
     assert run.error.max() < 0.0005
 
 
+def test_the_plan_torque_acts_late_as_well() -> None:
+    """What leaves acts late, the plan's torque as well: the estimate goes on by what acts."""
+    planned = tip_exact(10.0, 1.0, described())
+    feedback = StateFeedback(planned.robot, planned.schedule())
+    run = Loop(planned, canadarm(source=described()), feedback, noise=0.0).run(3.0)
+    # 0.01 mm; 0.5 mm where the plan's torque counts as acting at once
+    assert run.error.max() < 0.0001
+
+
 def test_soft_beams_do_not_show_as_a_light_load_before_the_tip_moves() -> None:
     planned = tip_exact(10.0, 1.0, described())
     feedback = StateFeedback(planned.robot, planned.schedule())
