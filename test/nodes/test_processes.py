@@ -113,6 +113,7 @@ def test_a_signal_ends_with_the_safe_command_and_status_0(
     np.testing.assert_allclose([c.data for c in commands[-3:]], [gravity] * 3, atol=1e-9)
 
 
+COMPILED = 400.0  # s in which a node that may be the first of all has its kernels, and a child
 PROCESSES = {
     'shaper': ['method:=zv', 'limits.effort:=[500.0]'],
     'feedforward': [f'{name}:={value}' for name, value in STATE_FEEDBACK.items()],
@@ -125,7 +126,7 @@ def test_a_node_ends_with_status_0_while_its_process_is_stopped(
     graph: Any, start: Any, node: str, moment: str
 ) -> None:
     process = start(node, f'urdf_path:={CANADARM}', 'gravity:=[0.0,0.0,0.0]', *PROCESSES[node])
-    graph.until(lambda: children(process.pid))
+    graph.until(lambda: children(process.pid), COMPILED)
     (child,) = children(process.pid)
     if moment == 'imports':
         graph.spin(0.3)
