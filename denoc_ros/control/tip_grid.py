@@ -211,10 +211,13 @@ class TipGrids:
         made.curved = self._curved
         return made
 
-    def plan(self, grid: TipGrid, asked: Motion) -> Plan:
-        """Return the plan of a motion on the grid, on finer times, with its torque and errors."""
+    def plan(self, grid: TipGrid, asked: Motion, least: int = 1) -> Plan:
+        """Return the plan of a motion on the grid, on finer times, with its torque and errors.
+
+        With `least` rows at least from a node to the next.
+        """
         problem, nodes, step, robot = grid.problem, grid.nodes, grid.step, self.robot
-        fine = max(4, math.ceil(step / self.options.output_step - 1e-9))
+        fine = max(least, math.ceil(step / self.options.output_step - 1e-9))
         t = nodes[0] + step / fine * np.arange((len(nodes) - 1) * fine + 1)
         motion = grid.motion.sample(t)
         if len(problem.base):

@@ -60,6 +60,7 @@ AROUND = 1.5
 ROOM = 1.3  # times the window in which a motion moves, which changes with the motion
 NEARLY = 0.9  # of it, that is enough
 QUIET = 1e-6  # of a motion's largest acceleration: what is left of it where its window ends
+ROWS = 4  # from a node to the next of a plan: its torques have peaks between nodes
 
 
 @dataclass(frozen=True)
@@ -293,7 +294,7 @@ class TipMinimumTime:
     def plan(self, found: TimedTip) -> Plan:
         """Return the plan of a motion, on a grid as fine as its equations need."""
         found = self._refined(found)
-        plan = self._grids.plan(found.grid, found.asked)
+        plan = self._grids.plan(found.grid, found.asked, ROWS)
         passed = found.timing.stations_at(plan.t)
         return replace(plan, stretch=found.duration / self._basis.stations[-1], passed=passed)
 

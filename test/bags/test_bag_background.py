@@ -103,7 +103,7 @@ def test_messages_put_together_are_kept_and_lost_as_one_by_one(
     found = []
     for name in ('together', 'one by one'):
         writer = BackgroundWriter(
-            BagWriter(tmp_path / name), number, flush_period=0.02, queue_bytes=room
+            BagWriter(tmp_path / name), number, flush_period=1.0, queue_bytes=room
         )
         for topic in ('/a', '/b'):
             writer.add_topic(topic, JOINT_STATE)
@@ -112,7 +112,13 @@ def test_messages_put_together_are_kept_and_lost_as_one_by_one(
         with monkeypatch.context() as patch:
             released = freeze_disk(patch)
             writer.put('/a', 1, RAW)
-            wait_for(lambda writer=writer: writer.status().stalled > 0.1)  # type: ignore[misc]
+
+            def stalled(writer: BackgroundWriter = writer) -> bool:
+                """Say whether the writer has taken both and waits for the disk."""
+                status = writer.status()
+                return status.stalled > 0.5 and status.queued == 0
+
+            wait_for(stalled)
             for batch in batches:
                 if name == 'together':
                     writer.put_all(batch)

@@ -52,7 +52,7 @@ def page(repository: Path) -> Iterator[Page]:
 
 def pixels(tab: Tab) -> Pixels:
     """Return what is drawn left of the controls."""
-    with Image.open(io.BytesIO(tab.screenshot())) as image:
+    with Image.open(io.BytesIO(tab.screenshot(timeout=1e3 * TIMEOUT))) as image:
         return np.asarray(image.convert('RGB'), dtype=np.int16)[:, SCENE]
 
 
