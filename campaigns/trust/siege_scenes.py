@@ -44,8 +44,8 @@ FED_BACK: Mapping[str, Mapping[str, Any]] = {
         'feedback.sensor_timeout': FALLEN_SILENT,
         'max_publishers': 2,  # the shaper, and who attacks
     },
-    # richer than the model; its joint states must not be much rarer than the feedback's ticks
-    'plant': {'segments': 8, 'update_rate': 0.5 * RATE},
+    # joint states must not be much rarer than the feedback's ticks
+    'plant': {'update_rate': 0.5 * RATE},
     'predictor': {'strain': 'fuse'},
     'shaper': {'method': 'zvd', 'modes': 2, 'output_step': 0.05, 'max_publishers': 2},
 }  # fmt: skip
