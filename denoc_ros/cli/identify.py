@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import argparse
-import ast
 import importlib
 import os
-from functools import cache
-from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
+
+from denoc_ros.cli.verbs import ACTION_MODULES, ACTIONS
 
 if TYPE_CHECKING:
     from denoc_ros.cli.verb_result import VerbResult
@@ -23,41 +22,18 @@ DESCRIPTION = (
 )
 
 
-HERE = Path(__file__).parent
-
-
-class Declared(NamedTuple):
-    """Module of an action, in denoc_ros, and its line of help."""
-
-    module: str
-    summary: str
-
-
-@cache
-def declared_actions() -> dict[str, Declared]:
-    """Actions by name, from the sources of their modules: importing these takes a second."""
-    found = {}
-    for file in (*sorted(HERE.glob('identify_*.py')), HERE.with_name('studies') / 'selftest.py'):
-        for node in ast.walk(ast.parse(file.read_bytes())):
-            if isinstance(node, ast.Call) and getattr(node.func, 'id', '') == 'Action':
-                name, summary = map(ast.literal_eval, node.args[:2])
-                found[name] = Declared(f'denoc_ros.{file.parent.name}.{file.stem}', summary)
-    return found
-
-
 def add_actions(parser: argparse.ArgumentParser, named: str = '') -> None:
     """Declare the named action with its arguments, or all; for -h their names only."""
-    known = declared_actions()
     actions = parser.add_subparsers(dest='action', metavar='ACTION', required=True)
     if named in ('-h', '--help'):
-        for name, action in known.items():
-            actions.add_parser(name, help=action.summary)
+        for name, text in ACTIONS.items():
+            actions.add_parser(name, help=text)
         return
-    chosen = [known[named]] if named in known else known.values()
-    for module in dict.fromkeys(each.module for each in chosen):
-        for action in importlib.import_module(module).DECLARED:
+    modules = [ACTION_MODULES[named]] if named in ACTION_MODULES else ACTION_MODULES.values()
+    for module in dict.fromkeys(modules):
+        for action in importlib.import_module(f'denoc_ros.{module}').DECLARED:
             one = actions.add_parser(
-                action.name, help=action.summary, description=action.description
+                action.name, help=ACTIONS[action.name], description=action.description
             )
             action.add_options(one)
             one.set_defaults(act=action.run)

@@ -389,7 +389,6 @@ def _head(found: Excitation) -> str:
 DECLARED = (
     Action(
         'model',
-        'stiffness, payload, inertia, friction, gains and delays of a whole robot',
         'Fit numbers of the robot to measured effort, gauges and other sensors of one run or '
         'several, by maximum likelihood. For each number: its value, a 95 %% interval, and '
         'whether it is found, doubtful or not identifiable; and which combinations are '
@@ -402,7 +401,6 @@ DECLARED = (
     ),
     Action(
         'excite',
-        'plan the motion whose recording identifies numbers of a robot best',
         'Find the motion within limits, a Fourier series of each joint from rest to rest, whose '
         'recording tells `denoc identify model` most of the free numbers; print the 95 %% '
         'intervals to expect, and what no motion shows.',

@@ -52,9 +52,7 @@ class Action:
     Its computation takes options by their names; nothing behind it sees the parsed arguments.
     """
 
-    # these two are literals: `identify.declared_actions` reads them from the source
     name: str
-    summary: str
     description: str
     add_options: Callable[[argparse.ArgumentParser], None]  # declares its arguments
     fit: Callable[..., Fit | VerbResult]

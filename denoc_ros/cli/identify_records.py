@@ -298,7 +298,6 @@ def _servo(path: list[Path], options: ServoOptions) -> Fit:
 DECLARED = (
     Action(
         'info',
-        'rate, gaps, jitter, clipping, noise of the signals of a recording',
         'List the signals of a bag or a table: rate, gaps, jitter, clipping, resolution, noise. '
         '--topic and --field select some of them.',
         _add_signal,
@@ -306,14 +305,12 @@ DECLARED = (
     ),
     Action(
         'segment',
-        'find releases, free decays, steps and rests in a signal',
         'List the segments of a signal: free decays, steps, rests.',
         _add_signal,
         _segment,
     ),
     Action(
         'modal',
-        'modes and damping ratios of a free decay, or of a folder of them',
         'Identify the modes of a free decay and their number. Several recordings, a folder or a '
         'quoted pattern give one row each.',
         _add_modal,
@@ -324,7 +321,6 @@ DECLARED = (
     ),
     Action(
         'joint',
-        'viscous and Coulomb friction of a joint from a free swing',
         'Fit viscous, Coulomb and quadratic friction to a free swing at large angle, report which '
         'of them are significant, and give the logarithmic decrement, exact and as printed in the '
         'book.',
@@ -335,7 +331,6 @@ DECLARED = (
     ),
     Action(
         'forced',
-        'modes from torque and response',
         'Fit a rational frequency response to a measured input (torque, by --force-*) and its '
         'response (--topic, --field). A table without times takes --rate; with --rate 1 '
         'frequencies are in cycles per sample.',
@@ -347,7 +342,6 @@ DECLARED = (
     ),
     Action(
         'servo',
-        'bandwidth, damping, delay and static gain of position-controlled joints',
         'Fit a second-order lag with a delay and a static gain to the commanded and the measured '
         'positions of joints; several recordings are fitted together. The result is the '
         "shaper's `servo.*`.",

@@ -116,7 +116,6 @@ def _percent(value: float) -> str:
 DECLARED = (
     Action(
         'apply',
-        "write identified damping into a robot's URDF",
         'Compute the damping with which the robot has the identified modes, and write it into its '
         '<flexibility> block; or write the friction of a joint into its <dynamics>. Nothing else '
         'in the file changes. Several results of modes are combined.',
@@ -125,7 +124,6 @@ DECLARED = (
     ),
     Action(
         'compare',
-        'modes of several runs: mean, spread, repeatability',
         'Compare the modes of several results: mean, standard deviation between runs, largest '
         'difference of two runs in 95 %% of cases. Exit status 2 if runs differ by more than '
         'their intervals allow.',
@@ -134,7 +132,6 @@ DECLARED = (
     ),
     Action(
         'postures',
-        'modes at several postures as a table for the shaper',
         'Write the modes of several results, one posture each, into the table that `denoc shape '
         '--mode-table` and the shaper node (`mode_table`) read. The robot needs no beams. A '
         'result has the posture of `--at` or of the joint states of its bag, and the modes that '

@@ -17,7 +17,7 @@ from typing import Any, NoReturn
 
 from denoc_ros.cli import end_at_once
 from denoc_ros.cli.interrupts import interrupt, is_made_by_interrupt, noted_interrupts
-from denoc_ros.cli.verbs import BAD_INPUT, DEFAULT_ACTION, INTERRUPTED, STUDIES, VERBS
+from denoc_ros.cli.verbs import ACTIONS, BAD_INPUT, DEFAULT_ACTION, INTERRUPTED, STUDIES, VERBS
 from denoc_ros.errors import ConfigError, DenocError
 
 # objects after which garbage is looked for: with 700 that takes a seventh of a start
@@ -161,9 +161,7 @@ def _with_action(arguments: list[str]) -> list[str]:
     """Put a verb's default action in where a verb that has actions is given none."""
     if len(arguments) < 2 or arguments[0] != 'identify' or arguments[1].startswith('-'):
         return arguments
-    from denoc_ros.cli.identify import declared_actions
-
-    given = [] if arguments[1] in declared_actions() else [DEFAULT_ACTION]
+    given = [] if arguments[1] in ACTIONS else [DEFAULT_ACTION]
     return [arguments[0], *given, *arguments[1:]]
 
 

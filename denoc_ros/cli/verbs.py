@@ -1,4 +1,4 @@
-"""Verbs of `denoc` with a line of help each; exit statuses."""
+"""Verbs of `denoc` and actions of `denoc identify`, with a line of help each; exit statuses."""
 
 from __future__ import annotations
 
@@ -23,9 +23,33 @@ VERBS = {
     'bench': 'check results, then time the dynamics beside Pinocchio and dense Cholesky',
 }
 
+ACTIONS = {
+    'info': 'rate, gaps, jitter, clipping, noise of the signals of a recording',
+    'segment': 'find releases, free decays, steps and rests in a signal',
+    'modal': 'modes and damping ratios of a free decay, or of a folder of them',
+    'joint': 'viscous and Coulomb friction of a joint from a free swing',
+    'forced': 'modes from torque and response',
+    'servo': 'bandwidth, damping, delay and static gain of position-controlled joints',
+    'model': 'stiffness, payload, inertia, friction, gains and delays of a whole robot',
+    'excite': 'plan the motion whose recording identifies numbers of a robot best',
+    'apply': "write identified damping into a robot's URDF",
+    'compare': 'modes of several runs: mean, spread, repeatability',
+    'postures': 'modes at several postures as a table for the shaper',
+    'selftest': 'accuracy of the estimators on synthetic decays with known truth',
+}
+
 # verbs of the room of studies, which no other room imports
 STUDIES = ('dh', 'stability', 'bench')
 
+# module of an action, in denoc_ros
+ACTION_MODULES = {
+    **dict.fromkeys(
+        ('info', 'segment', 'modal', 'joint', 'forced', 'servo'), 'cli.identify_records'
+    ),
+    **dict.fromkeys(('model', 'excite'), 'cli.identify_model'),
+    **dict.fromkeys(('apply', 'compare', 'postures'), 'cli.identify_results'),
+    'selftest': 'studies.selftest',
+}
 DEFAULT_ACTION = 'modal'
 
 BAD_INPUT = 1

@@ -531,7 +531,6 @@ def _percent(part: float) -> str:
 DECLARED = (
     Action(
         'selftest',
-        'accuracy of the estimators on synthetic decays with known truth',
         'Draw decays with known modes and the defects of a bag, identify them, and compare the '
         'errors with the required accuracy. Exit status 2 if it is not reached.',
         _add_selftest,

@@ -14,9 +14,9 @@ import yaml
 from data_files import SERVO_SWING
 from page_look import require_one_look
 
-from denoc_ros.cli.identify import declared_actions
 from denoc_ros.cli.identify_options import SHARED
 from denoc_ros.cli.main import main
+from denoc_ros.cli.verbs import ACTION_MODULES, ACTIONS
 from denoc_ros.identification.records import Record
 from denoc_ros.reports.identify_result import interval_text
 from denoc_ros.studies.selftest import Defects, Truth, synthetic_decay
@@ -232,14 +232,16 @@ def test_applied_damping_is_what_rang(
     assert 'result must be readable' in capsys.readouterr().err
 
 
-def test_sources_and_modules_name_the_same_actions() -> None:
-    known = declared_actions()
-    modules = {importlib.import_module(each.module) for each in known.values()}
-    declared = [action for module in modules for action in module.DECLARED]
-    assert {action.name: action.summary for action in declared} == {
-        name: each.summary for name, each in known.items()
-    }
-    for action in declared:
+def test_table_and_modules_name_the_same_actions() -> None:
+    assert list(ACTION_MODULES) == list(ACTIONS)
+    modules = {name: f'denoc_ros.{module}' for name, module in ACTION_MODULES.items()}
+    declared = [
+        (action.name, module, action)
+        for module in dict.fromkeys(modules.values())
+        for action in importlib.import_module(module).DECLARED
+    ]
+    assert {name: module for name, module, _ in declared} == modules
+    for _, _, action in declared:
         parser = argparse.ArgumentParser()
         action.add_options(parser)
         options = {each.dest for each in parser._actions} | {'command'}
