@@ -46,7 +46,7 @@ HELD = 60.0  # s for which a robot waits at its start at most
 TAIL = 0.2  # s a phase goes on behind its reference
 STOP_ORDER = ('player', 'viewer', 'shaper', 'feedforward', 'predictor', 'plant', 'recorder')
 START_ORDER = ('recorder', 'plant', 'predictor', 'feedforward', 'shaper', 'viewer')
-RESETS = ('feedforward', 'shaper', 'plant', 'predictor')
+RESETS: tuple[str, ...] = ('feedforward', 'shaper', 'plant', 'predictor')
 LOOPS = ('plant', 'feedforward', 'predictor')  # that a rehearsal looks at
 REHEARSING = 2.0  # s of the dearest motion
 SHAPING = 2.0  # s from publishing to the start in which most plans are made
@@ -59,8 +59,8 @@ WORDS = 2  # reports, one a second, between which a node looks around twice
 GRAPH = 60.0  # s of wall time until a recorder has found all topics
 REHEARSAL_FOLDER = 'rehearsal'  # where a recorder writes meanwhile: nobody reads it
 FIRST = 1.0  # s of simulated time before the first phase
-DESIGNING = 60.0  # s until state feedback has gains for a posture: its process has to start
-ENGAGING = 5.0  # s until it has gains for a motion and trusts its estimate
+DESIGNING = 60.0  # s until state feedback has gains: its process has to start
+ENGAGING = 5.0  # s from gains for a motion until it trusts its estimate
 
 
 @dataclass(frozen=True)
@@ -184,7 +184,7 @@ class Session:
             self._reset(name)
         if trajectory is not None and 'shaper' not in self._names:
             # a reference that is still to come holds the robot where it begins
-            self._publish(trajectory, self._task.plans.get(first.name), self._time.now() + HELD)
+            self._publish(first, self._time.now() + HELD)
         self._time.pass_by(SETTLING)
         if 'recorder' in self._names:
             self._client.trigger('/recorder/stop')
@@ -209,7 +209,9 @@ class Session:
 
     def _rehearsal(self, phase: Phase) -> Rehearsal:
         """Run a phase's motion for a while in real time, and measure."""
-        self._time.go_to(self._prepare(phase))
+        if is_held := self._is_held_first(phase):
+            self._hold_start(phase)
+        self._time.go_to(self._prepare(phase, is_held))
         loops = [name for name in LOOPS if name in self._names]
         before = {name: self._deadlines(name) for name in loops}
         began, idle = time.perf_counter(), idle_seconds()
@@ -338,6 +340,38 @@ class Session:
         if not client.until(knows, DESIGNING):
             self._progress.say(f'feedforward: no gains of its feedback within {DESIGNING:g} s')
 
+    def _is_held_first(self, phase: Phase) -> bool:
+        """Whether the robot is held where a phase's motion starts until there are gains along it.
+
+        Where time stands, it does so until they are there. A shaper's motion is not known yet.
+        """
+        feeds_back, real = self._config.has_state_feedback(phase), not self._time.is_simulated
+        known = self._task.trajectory is not None and 'shaper' not in self._names
+        return feeds_back and real and known
+
+    def _hold_start(self, phase: Phase) -> None:
+        """Have the robot held where a phase's motion starts until there are gains along it.
+
+        The machine may take longer for them than the motion for its start. Where the plant is put
+        back, sensors seem to fail: the feedback begins anew behind that.
+        """
+        client = self._client
+        for follows in ('plant', 'predictor'):
+            taken = self._taken()
+            self._reset(FEEDFORWARD)
+            self._send(phase, self._time.now() + HELD + DESIGNING)
+            self._time.pass_by(SETTLING)
+            self._reset(follows)
+        client.until(lambda: self._taken() > taken, HEARING)
+        spoken = self._spoken([FEEDFORWARD])
+
+        def knows() -> bool:
+            told = client.diagnostics('feedforward: state feedback')
+            return spoken() and told.get('designing') == 'False'
+
+        if not client.until(knows, DESIGNING):
+            self._progress.say(f'feedforward: no gains for the motion within {DESIGNING:g} s')
+
     def _await_graph(self) -> None:
         """Wait, while simulated time stands, until the recorder has found all topics."""
         client = self._client
@@ -357,13 +391,16 @@ class Session:
         self._time.pass_by(FIRST)
 
     def _run_phase(self, phase: Phase) -> None:
+        if is_held := self._is_held_first(phase):
+            with self._progress.step(f'designing the feedback: {phase.name}'):
+                self._hold_start(phase)
         self._client.begin_phase(phase.name)
         self._file.begin_phase(phase.name, self._now_ns)
         self._health.moves = True
         if self._task.bag is not None:
             self._play(self._task.bag, phase)
         else:
-            self._follow(phase)
+            self._follow(phase, is_held)
         while self._health.stands():  # a phase is finished by nodes that go on
             self._client.wait(0.1)
         self._health.moves = False
@@ -374,8 +411,8 @@ class Session:
     def _now_ns(self) -> int:
         return self._time.stamp_ns(self._time.now())
 
-    def _follow(self, phase: Phase) -> None:
-        start = self._prepare(phase)
+    def _follow(self, phase: Phase, is_held: bool) -> None:
+        start = self._prepare(phase, is_held)
         with self._progress.phase(phase.name, self._task.duration) as show:
 
             def watch(now: float) -> None:
@@ -388,42 +425,56 @@ class Session:
             self._await_rest()
         self._time.pass_by(TAIL)
 
-    def _prepare(self, phase: Phase) -> float:
+    def _prepare(self, phase: Phase, is_held: bool) -> float:
         """Reset the nodes and publish the reference; return when it starts [s].
 
         In real time the plant goes back when the feedforward already holds it where the reference
         starts, the predictor when the plant is there: it would take the way back for a motion.
-        Where time stands, all of that is one moment.
+        Where time stands, all of that is one moment. A robot held at the start stays there.
         """
-        stands = self._time.is_simulated
-        for name in RESETS if stands else RESETS[:2]:
+        first, later = RESETS[:2], RESETS[2:]
+        if self._time.is_simulated:
+            first, later = RESETS, ()
+        elif is_held:
+            later = ('predictor',)
+        for name in first:
             self._reset(name)
         start = self._time.now()
         if self._task.trajectory is not None:
             start += LEAD + self._shaping + self._engaging(phase)
             decided, taken = self._decided(), self._taken()
-            start = self._publish(self._task.trajectory, self._task.plans.get(phase.name), start)
+            start = self._publish(phase, start)
             self._time.settle(lambda: self._taken() > taken, PLANNING)
             self._await_plan(decided)
             self._time.pass_by(SETTLING)
-        for name in () if stands else RESETS[2:]:
+        for name in later:
             self._reset(name)
             self._time.pass_by(SETTLING)
         return start
 
-    def _publish(self, trajectory: Trajectory, plan: Plan | None, begin: float) -> float:
-        """Publish the joints' motion from a moment [s]; return the start of the wanted motion."""
-        joints, listeners = self._task.joints, len(self._listeners())
-        self._client.await_listeners(listeners)
-        begin_ns = self._time.stamp_ns(begin)
+    def _publish(self, phase: Phase, begin: float) -> float:
+        """Publish a phase's motion from a moment [s]; return the start of the wanted motion."""
+        trajectory, plan = self._task.trajectory, self._task.plans.get(phase.name)
+        assert trajectory is not None
+        begin_ns = self._send(phase, begin)
         if plan is None:
-            self._client.publish_reference(trajectory, joints, begin_ns, listeners)
             return begin
-        before = -float(plan.t[0])
-        self._client.publish_reference(motion_of(plan, joints), joints, begin_ns, listeners)
+        before, joints = -float(plan.t[0]), self._task.joints
         asked = asked_at_pace(trajectory, plan, joints)
         self._client.publish_asked(asked, joints, begin_ns + round(1e9 * before))
         return begin + before
+
+    def _send(self, phase: Phase, begin: float) -> int:
+        """Send a phase's motion to begin at a moment [s]; return its stamp [ns]."""
+        motion, plan = self._task.trajectory, self._task.plans.get(phase.name)
+        assert motion is not None
+        joints, listeners = self._task.joints, len(self._listeners())
+        self._client.await_listeners(listeners)
+        if plan is not None:
+            motion = motion_of(plan, joints)
+        begin_ns = self._time.stamp_ns(begin)
+        self._client.publish_reference(motion, joints, begin_ns, listeners)
+        return begin_ns
 
     def _taken(self) -> int:
         """Return how many references or motions their first listener has taken."""

@@ -540,7 +540,8 @@ class RobotNode(ModelNode):
     def _watch_cores(self) -> None:
         """Let the loop know when it and other real-time threads fill their cores together."""
         if self._loop_runs and self.loop is not None:
-            self.loop.load.crowd(self._cores.realtime_share())
+            priority = self.settings.integer('thread_priority')
+            self.loop.load.crowd(self._cores.realtime_share(priority))
             self.log_waiting()
 
     def deactivate(self) -> None:

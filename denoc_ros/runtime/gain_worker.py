@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections import deque
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -11,6 +12,7 @@ import numpy as np
 
 from denoc_ros.control.feedback_settings import FeedbackSettings
 from denoc_ros.control.gain_jobs import GainJob, read_schedule
+from denoc_ros.control.gain_schedule import GainSchedule
 from denoc_ros.control.state_feedback import StateFeedback
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.runtime.planner import Answer, Planner
@@ -20,6 +22,7 @@ from denoc_ros.types import Array
 LIMIT = 120.0  # s for a design: a cold kernel cache compiles on a slow machine
 TRIES = 3  # of a design in a process that dies or hangs
 LOOK = 0.005  # s between looks for an answer that is waited for
+KEPT = 4  # schedules of motions that may come again
 
 
 @dataclass(frozen=True)
@@ -73,9 +76,21 @@ class WantedGains:
             and self.start == other.start
         )
 
+    def is_motion_of(self, other: WantedGains) -> bool:
+        """Say whether it asks for gains along the same motion, whenever that begins."""
+        mine, its = self.trajectory, other.trajectory
+        return (
+            self.model is other.model
+            and mine is not None
+            and its is not None
+            and all(map(np.array_equal, mine.knots(), its.knots()))
+        )
+
 
 class GainWorker:
     """One design at a time in a process of its own; a newer task makes an older one void.
+
+    A motion that comes again, with another start, has the gains of the last time at once.
 
     In a thread beside the loop the design would hold the interpreter when the loop is due. All
     methods but `take` are one thread's.
@@ -99,6 +114,7 @@ class GainWorker:
         self._solving: WantedGains | None = None
         self._tries = 0
         self._made: tuple[WantedGains, StateFeedback | None] | None = None
+        self._kept = deque[tuple[WantedGains, GainSchedule]](maxlen=KEPT)
 
     @property
     def busy(self) -> bool:
@@ -109,6 +125,10 @@ class GainWorker:
         """Ask for a design; the result of one in work is discarded."""
         self.task = self._waiting = task
         self._tries, self.refusal = 0, ''
+        for known, schedule in self._kept:
+            if task.is_motion_of(known):
+                self._waiting = None
+                self._made = task, StateFeedback(task.model.robot, schedule, task.start)
         self.look()
 
     def look(self) -> None:
@@ -159,6 +179,7 @@ class GainWorker:
         feedback = None
         if not answer.error:
             schedule = read_schedule(answer.header, answer.arrays, task.job)
+            self._kept.append((task, schedule))
             feedback = StateFeedback(task.model.robot, schedule, task.start)
         self.refusal = answer.error
         self.designs += 1

@@ -346,6 +346,7 @@ class LiveStateFeedback:
             'cause': self.cause,
             'fallbacks': self._fallbacks,
             'designs': worker.designs,
+            'designing': worker.busy,
             'refused': worker.refusal,
             'unread': ' '.join(self._unread),
         }

@@ -13,7 +13,7 @@ import math
 import os
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -35,6 +35,7 @@ FULL = 0.9  # share of their time that cores are busy which may leave somebody w
 SAMPLE = 0.05  # s over which the real-time threads of full cores are looked at
 HARMLESS = 0.5  # share of full cores below which real-time threads are not looked at for a while
 CALM = 1.0  # s of that
+RECORDING = 1  # priority of threads that go before ordinary ones only, and yield to nobody
 SEVERAL = 8  # processes that are looked at without a pause for others
 REALTIME = (os.SCHED_FIFO, os.SCHED_RR)
 LONGEST_WAIT, SHORT = 0.01, 1e-4  # s that others wait for the end of a tick; between two looks
@@ -182,15 +183,23 @@ class SharedCores:
         self._names = {f'cpu{core}' for core in self._cores}
         self._before = self._times()
         self._due = -math.inf
+        self._has_waited = False
 
-    def realtime_share(self) -> float:
+    def realtime_share(self, priority: int) -> float:
         """Return the share that all real-time threads took of these cores together.
 
         0 while the cores were busy for less than `FULL` of the time since the last call, and for
-        a while after a share that was harmless: to look at every thread takes milliseconds.
+        a while after a share that was harmless: to look at every thread takes milliseconds. 0 at
+        the first of several calls as well, if there are loops of a lower priority: they yield.
+
+        Parameters
+        ----------
+        priority : int
+            SCHED_FIFO priority of whoever asks, whose other threads have one less.
         """
         before, self._before = self._before, self._times()
         busy, whole = (now - then for now, then in zip(self._before, before, strict=True))
+        has_waited, self._has_waited = self._has_waited, False
         if whole <= 0.0 or busy < FULL * whole or time.perf_counter() < self._due:
             return 0.0
         threads = self._realtime_threads()
@@ -201,6 +210,9 @@ class SharedCores:
         share = 1e-9 * taken / (elapsed * len(self._cores))
         if share < HARMLESS:
             self._due = time.perf_counter() + CALM
+        if not has_waited and any(RECORDING < one < priority - 1 for one in threads.values()):
+            self._has_waited = True
+            return 0.0
         return share
 
     def _times(self) -> tuple[float, float]:
@@ -214,9 +226,9 @@ class SharedCores:
                 busy += sum(numbers) - numbers[3] - numbers[4]  # idle, and waiting for a disk
         return busy, whole
 
-    def _realtime_threads(self) -> list[int]:
-        """Return the real-time threads that may run on these cores."""
-        found = []
+    def _realtime_threads(self) -> dict[int, int]:
+        """Return the real-time threads that may run on these cores, and their priorities."""
+        found = {}
         # as text: a Path for each takes several times as long
         processes = filter(str.isdecimal, os.listdir('/proc'))
         for count, process in enumerate(processes, 1):
@@ -226,13 +238,13 @@ class SharedCores:
                 for thread in map(int, os.listdir(f'/proc/{process}/task')):
                     policy = os.sched_getscheduler(thread) & ~os.SCHED_RESET_ON_FORK
                     if policy in REALTIME and os.sched_getaffinity(thread) & self._cores:
-                        found.append(thread)
+                        found[thread] = os.sched_getparam(thread).sched_priority
             except OSError:  # it has ended, or is not ours to look at
                 continue
         return found
 
 
-def _runtimes(threads: Sequence[int]) -> dict[int, int]:
+def _runtimes(threads: Iterable[int]) -> dict[int, int]:
     """Return how long threads have run [ns], of those that are still there."""
     found = {}
     for thread in threads:

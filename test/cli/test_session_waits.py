@@ -33,6 +33,16 @@ nodes:
   feedforward: false
   predictor: false
 """
+FED_BACK = f"""
+robot: {ROOT}/config/robots/canadarm_gauges.urdf
+gravity: [0, 0, 0]
+time: real
+reference: {{kind: points, times: [0, 0.05], positions: [[0.2, 0.7, 0.5], [0.2, 0.7, 0.5]]}}
+duration: 0.05
+nodes: {{predictor: false, plant: {{update_rate: 250}}, feedforward: {{update_rate: 250}}}}
+phases:
+  - {{name: fed, feedforward: {{model: flexible, feedback: {{state: lqr}}}}}}
+"""
 
 
 class Clock:
@@ -54,12 +64,15 @@ class Client:
     def __init__(self, clock: Clock, tell: Callable[[float], dict[str, str]]) -> None:
         self._clock, self._tell = clock, tell
         self.published = 0.0
+        self.done: list[str] = []
         self.ended = 0.0
 
     def diagnostics(self, status: str) -> dict[str, str]:
         if status == 'shaper: inputs':
             return {'': 'rejected: no such joint'}
-        told = status in ('shaper: shaper', 'feedforward: torque')
+        told = status in (
+            'shaper: shaper', 'feedforward: torque', 'feedforward: state feedback'
+        )  # fmt: skip
         return self._tell(self._clock.now) if told else {}
 
     def until(self, condition: Callable[[], bool], timeout: float) -> bool:
@@ -73,6 +86,13 @@ class Client:
 
     def publish_reference(self, *_: Any) -> None:
         self.published = self._clock.now
+        self.done.append('reference')
+
+    def trigger(self, service: str) -> None:
+        self.done.append(service)
+
+    def begin_phase(self, _: str) -> None:
+        self.done.append('phase')
 
     def end_phase(self) -> None:
         self.ended = self._clock.now
@@ -85,7 +105,7 @@ class Client:
 
     def ignore(self, *_: Any) -> None: ...
 
-    begin_phase = await_listeners = add_watch = forget = wait_active = trigger = ignore
+    await_listeners = add_watch = forget = wait_active = ignore
 
 
 class NoProcesses:
@@ -108,11 +128,15 @@ def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Client
         monkeypatch.setattr(module, 'time', clock)
     (tmp_path / 'parameters').mkdir()
 
-    def done(tell: Callable[[float], dict[str, str]], text: str = SESSION) -> Client:
+    def done(
+        tell: Callable[[float], dict[str, str]],
+        text: str = SESSION,
+        joints: list[str] = JOINTS,
+    ) -> Client:
         file = tmp_path / 'session.yaml'
         file.write_text(text)
         config = load_config(file)
-        task = Task(trajectory_from_config(config.reference, JOINTS), JOINTS, config.duration)
+        task = Task(trajectory_from_config(config.reference, joints), joints, config.duration)
         client = Client(clock, tell)
         processes = cast(Processes, NoProcesses())
         given = cast('SessionClient', client)
@@ -161,3 +185,23 @@ def test_a_reference_waits_until_the_feedforward_hears_the_plant(run: Any) -> No
     assert 3.0 < run(tell, text).published < 4.0
     deaf = run(lambda now: {'': 'stale joint_states'}, text)  # goes on, and says so
     assert deaf.published > sessions.HEARING
+
+
+def test_a_motion_begins_when_its_feedback_has_gains(run: Any) -> None:
+    def tell(now: float) -> dict[str, str]:
+        return {'': 'ok', 'designs': '1', 'designing': str(now < 40.0)}
+
+    client = run(tell, FED_BACK, ['joint_1', 'joint_2', 'joint_3'])
+    assert 40.0 < client.published < 45.0
+    again = ['/feedforward/reset', 'reference']
+    begin = client.done.index('phase')
+    # where the plant is put back, its sensors seem to fail: the feedback knows nothing of it
+    assert client.done[:begin] == [*again, '/plant/reset', *again]
+    assert client.done[begin:] == ['phase', *again]
+
+
+def test_a_session_goes_on_without_gains(run: Any, capsys: pytest.CaptureFixture[str]) -> None:
+    told = {'': 'ok', 'designs': '1', 'designing': 'True'}
+    client = run(lambda _: told, FED_BACK, ['joint_1', 'joint_2', 'joint_3'])
+    assert client.ended < 100.0
+    assert 'no gains for the motion within 60 s' in capsys.readouterr().err

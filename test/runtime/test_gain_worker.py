@@ -113,6 +113,27 @@ def test_a_newer_task_makes_an_older_one_void(worker: GainWorker) -> None:
     assert not worker.busy
 
 
+def test_a_motion_that_comes_again_has_its_gains_at_once(worker: GainWorker) -> None:
+    model = arm()
+    worker.begin(WantedGains(model, HERE, motion(), 5.0))
+    made(worker)
+    again = WantedGains(model, HERE, motion(), 60.0)
+    worker.begin(again)
+    found = worker.take()
+    assert found is not None
+    assert found[0] is again
+    assert found[1] is not None
+    assert found[1]._start == 60.0
+    assert (worker.designs, worker.busy) == (1, False)
+    # another model, or another motion, has other gains
+    worker.begin(WantedGains(arm(), HERE, motion(), 60.0))
+    assert worker.take() is None
+    other = SplineTrajectory(np.array([0.0, 0.6]), np.array([HERE, HERE + 0.01]))
+    worker.begin(WantedGains(model, HERE, other, 60.0))
+    assert worker.take() is None
+    assert worker.busy
+
+
 def test_a_process_that_dies_is_started_anew_for_what_it_was_asked(worker: GainWorker) -> None:
     task = WantedGains(arm(), HERE, motion(), 5.0)
     worker.begin(task)

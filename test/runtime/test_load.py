@@ -113,9 +113,33 @@ def test_real_time_threads_count_where_cores_are_full(monkeypatch: pytest.Monkey
     monkeypatch.setattr(cores, '_before', (0.0, 0.0))
     monkeypatch.setattr(cores, '_times', lambda: next(times))
     monkeypatch.setattr(module, '_runtimes', lambda _threads: {7: next(ran), 8: 5})
-    share = cores.realtime_share()  # busy for 95 % of the time
+    share = cores.realtime_share(40)  # busy for 95 % of the time
     assert 0.0 < share * len(cores._cores) <= 0.6 + 1e-9
-    assert cores.realtime_share() == 0.0  # for 45 %
+    assert cores.realtime_share(40) == 0.0  # for 45 %
+
+
+@pytest.mark.parametrize(
+    ('others', 'shares'),
+    [
+        ([40, 39, 1], [0.6, 0.6, 0.6]),  # its own, and a recorder's
+        ([40, 39, 29, 30], [0.0, 0.6, 0.0]),  # a loop of a lower priority may yield meanwhile
+    ],
+)
+def test_loops_of_a_lower_priority_yield_first(
+    monkeypatch: pytest.MonkeyPatch, others: list[int], shares: list[float]
+) -> None:
+    cores, ran = SharedCores(), itertools.count(0, 60_000_000)
+    monkeypatch.setattr(cores, '_cores', {0, 1})
+    times = itertools.count(1)
+    monkeypatch.setattr(cores, '_before', (0.0, 0.0))
+    monkeypatch.setattr(cores, '_times', lambda: (95.0 * (n := next(times)), 100.0 * n))
+    monkeypatch.setattr(cores, '_realtime_threads', lambda: dict(enumerate(others)))
+    monkeypatch.setattr(module, '_runtimes', lambda _threads: {7: next(ran)})
+    clock = itertools.count(0.0, 0.05)
+    monkeypatch.setattr('time.sleep', lambda _seconds: None)
+    monkeypatch.setattr('time.perf_counter', lambda: next(clock))
+    found = [cores.realtime_share(40) for _ in shares]
+    assert found == pytest.approx(shares)
 
 
 def test_a_real_time_thread_is_found_by_its_policy() -> None:
