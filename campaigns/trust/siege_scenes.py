@@ -13,7 +13,8 @@ from trust.siege_payload import BOUNDS, KNOWN, MIDDLE, PAYLOAD, stiff_arm
 
 CONFIG = Path(__file__).resolve().parents[2] / 'config' / 'robots'
 NODES = ('feedforward', 'predictor', 'plant', 'recorder', 'viewer')
-RATE, SLOW_RATE = 500.0, 100.0  # Hz of the feedforward's loop, and of predictor and plant
+SLOW_RATE = 100.0  # Hz of predictor and plant
+FED_RATE = 250.0  # Hz where all nodes and the measuring ones share two slow cores
 FEED = 100.0  # Hz of joint states, and of the clock of simulated time
 READING = 0.25  # s: simulated time waits for long messages, which real time reads beside the loop
 PRIORITY = 40
@@ -42,10 +43,10 @@ FED_BACK: Mapping[str, Mapping[str, Any]] = {
         'feedback.state': 'lqr', 'feedback.tip_error': 0.1, 'feedback.tip_turn': 0.05,
         'feedback.joint_error': 0.05, 'feedback.integral_time': 0.5,
         'feedback.sensor_timeout': FALLEN_SILENT,
+        'feedback.delay': 0.5,  # the joints of the stage are told without rates, and stand
         'max_publishers': 2,  # the shaper, and who attacks
     },
-    # joint states must not be much rarer than the feedback's ticks
-    'plant': {'update_rate': 0.5 * RATE},
+    'plant': {'update_rate': FED_RATE},  # joint states must not be much rarer than ticks
     'predictor': {'strain': 'fuse'},
     'shaper': {'method': 'zvd', 'modes': 2, 'output_step': 0.05, 'max_publishers': 2},
 }  # fmt: skip
@@ -102,6 +103,7 @@ class Scene:
     more: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)  # parameters, by node
     first: tuple[dict[str, Any], ...] = ()  # attacks before those that are drawn
     factor: float = 0.0  # simulated time over wall time; 0: by real time
+    rate: float = 500.0  # Hz of the feedforward's loop
 
     @property
     def adapts(self) -> bool:
@@ -139,7 +141,7 @@ class Scene:
         inputs = {'joint_state_timeout': 0.2, 'reference_timeout': 0.2}
         usual: dict[str, Any] = {
             'feedforward': {
-                **moving, **inputs, 'update_rate': RATE, 'model': self.model,
+                **moving, **inputs, 'update_rate': self.rate, 'model': self.model,
                 'effort_limits': list(self.limits), 'max_delta_tau': self.delta,
                 'ramp_time': 0.1, 'thread_priority': PRIORITY,
             },
@@ -201,6 +203,7 @@ SCENES = {
             gauges=GAUGES,
             sensors={'/strain': 'sensor_msgs/msg/JointState'},
             more=FED_BACK,
+            rate=FED_RATE,
             first=FEEDBACK_CASES,
         ),
         Scene(

@@ -37,7 +37,7 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from trust.adversary import interface
 from trust.siege_gauges import Gauges
 from trust.siege_payload import Estimates, Swing
-from trust.siege_scenes import FEED, PRIORITY, RATE, Scene
+from trust.siege_scenes import FEED, PRIORITY, Scene
 from trust.stage import FEED_PRIORITY, StageError, StageProcesses, stamp
 from trust.witness import DEEP, Witness
 
@@ -274,7 +274,7 @@ class SiegeStage:
         self._meter = subprocess.Popen(
             [*module, 'meter', str(self.folder / 'meter')], stdin=subprocess.PIPE
         )
-        publisher = ['publisher', str(RATE), str(PRIORITY), str(self.folder / 'bare')]
+        publisher = ['publisher', str(self.scene.rate), str(PRIORITY), str(self.folder / 'bare')]
         self.processes.start('bare', ['-m', 'trust.absence', *publisher])
         self._meter.stdin.write(f'stage {os.getpid()}\n'.encode())
         for node in self.scene.nodes:

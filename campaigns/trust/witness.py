@@ -15,7 +15,7 @@ from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from trust.laws import OPEN, PERIODS, TIMER, Life, Span, TorqueLedger, unexplained
-from trust.siege_scenes import RATE, Scene
+from trust.siege_scenes import Scene
 
 DEEP = QoSProfile(depth=5000, reliability=ReliabilityPolicy.RELIABLE)
 NEAR = 1e-6  # rad, m from the goal
@@ -53,7 +53,10 @@ class Witness:
     ) -> None:
         self._goal, self._folder, self._slack, self._relay = scene.goal, folder, slack, relay
         limits = np.array(scene.limits)
-        self.efforts, self.commands = (TorqueLedger(limits, scene.delta, RATE) for _ in range(2))
+        self.efforts, self.commands = (
+            TorqueLedger(limits, scene.delta, scene.rate) for _ in range(2)
+        )
+        self._most = PERIODS / scene.rate  # s between torques
         self._is_simulated = scene.factor > 0.0
         self.efforts.lull = scene.lull
         self.lives: dict[int, Life] = {}
@@ -160,7 +163,7 @@ class Witness:
             own = max(bare, sum(s for name, s in waits if name == 'feedforward'))
             every = max(bare, sum(s for _, s in waits))
             self.pauses.append((pause.seconds, own, every))
-            allowed = PERIODS / RATE + self.efforts.lull + self._slack
+            allowed = self._most + self.efforts.lull + self._slack
             if unexplained(pause, allowed, every):
                 broken.append(
                     f'feedforward: torque must not pause over {PERIODS:g} periods beyond the '
@@ -179,7 +182,7 @@ class Witness:
     def pauses_told(self) -> dict[str, float]:
         """Return how many pauses there were, the longest, and how many were whose [ms]."""
         longest, own, every = max(self.pauses, default=(0.0, 0.0, 0.0))
-        beyond = [p for p in self.pauses if p[0] > PERIODS / RATE + p[1] + 5e-4]
+        beyond = [p for p in self.pauses if p[0] > self._most + p[1] + 5e-4]
         return {
             'number': len(self.pauses),
             'longest_ms': 1e3 * longest,

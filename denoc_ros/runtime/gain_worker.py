@@ -122,7 +122,7 @@ class GainWorker:
         return self._waiting is not None or self._solving is not None
 
     def begin(self, task: WantedGains) -> None:
-        """Ask for a design; the result of one in work is discarded."""
+        """Ask for a design; one in work counts if it is of the same motion."""
         self.task = self._waiting = task
         self._tries, self.refusal = 0, ''
         for known, schedule in self._kept:
@@ -169,18 +169,21 @@ class GainWorker:
         return made
 
     def _finish(self, answer: Answer) -> None:
-        task, self._solving = self._solving, None
-        if task is None or task is not self.task:
+        solved, task, self._solving = self._solving, self.task, None
+        if solved is None:
+            return
+        schedule: GainSchedule | None = None
+        if not answer.error:
+            schedule = read_schedule(answer.header, answer.arrays, solved.job)
+            self._kept.append((solved, schedule))
+        if task is None or not (task is solved or task.is_motion_of(solved)):
             return
         if not answer.header and self._tries < TRIES - 1:  # the process died or hung
             self._tries += 1
             self._waiting = task
             return
-        feedback = None
-        if not answer.error:
-            schedule = read_schedule(answer.header, answer.arrays, task.job)
-            self._kept.append((task, schedule))
-            feedback = StateFeedback(task.model.robot, schedule, task.start)
-        self.refusal = answer.error
+        self._waiting, self.refusal = None, answer.error
         self.designs += 1
-        self._made = task, feedback
+        self._made = task, None
+        if schedule is not None:
+            self._made = task, StateFeedback(task.model.robot, schedule, task.start)

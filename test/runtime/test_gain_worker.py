@@ -134,6 +134,16 @@ def test_a_motion_that_comes_again_has_its_gains_at_once(worker: GainWorker) -> 
     assert worker.busy
 
 
+def test_a_motion_that_is_sent_again_meanwhile_gets_the_gains_in_work(worker: GainWorker) -> None:
+    model = arm()
+    tasks = [WantedGains(model, HERE, motion(), start) for start in (5.0, 6.0, 7.0)]
+    for task in tasks:
+        worker.begin(task)
+    assert made(worker) is tasks[-1]
+    assert (worker.designs, worker.busy) == (1, False)
+    assert worker.planner._job == 1
+
+
 def test_a_process_that_dies_is_started_anew_for_what_it_was_asked(worker: GainWorker) -> None:
     task = WantedGains(arm(), HERE, motion(), 5.0)
     worker.begin(task)
