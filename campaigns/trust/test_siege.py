@@ -278,7 +278,7 @@ def witness(folder: Path) -> Witness:
     told = object.__new__(Witness)
     told.efforts, told.commands = ledger(), ledger()
     told.lives, told.pauses = {}, []
-    told._folder, told._slack = folder, 0.0
+    told._folder, told._slack, told._most = folder, 0.0, 4e-3
     told._excused, told._waits, told._bare = [], [], []
     told._offsets, told._measured = {}, {'bare': 0, 'meter': 0}
     told._lock = threading.Lock()
