@@ -1,4 +1,4 @@
-"""The motion between two postures as splines, what rings at its end, and its limits."""
+"""The motion between two postures as splines, its residual vibration, and its limits."""
 
 from __future__ import annotations
 
@@ -585,7 +585,7 @@ class RestProblem:
         )
 
     def _rows(self, x: Array, places: Places, order: int | None = None) -> Array:
-        """Return a derivative of the splines (k, joints): by default what drives the joints."""
+        """Return a derivative of the splines (k, joints), by default their drive."""
         order = self.basis.order if order is None else order
         design, fixed = places[order]
         rows = (design @ self.shaped(x) + fixed) / x[-1] ** order
