@@ -823,10 +823,6 @@ class RestProblem:
         return np.asarray((plan.t - plan.t[0]) / (plan.t[-1] - plan.t[0]))
 
 
-# of limits that LimitRows takes by differences in time, their order
-DIFFERENCES = {'jerk': 1, 'effort_rate': 1, 'tip_speed': 1, 'tip_acceleration': 2}
-
-
 def _spline_of(t: Array, qd: Array, qdd: Array, start: Array, end: Array) -> PPoly:
     """Return the spline of joints from rates and accelerations (k, joints) at times.
 

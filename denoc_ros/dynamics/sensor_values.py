@@ -33,7 +33,7 @@ from denoc_ros.kernels import frame_motion
 from denoc_ros.model.arrays import ModelArrays
 from denoc_ros.model.segments import locate
 from denoc_ros.model.shapes import HINGE, STEP, CutShapes
-from denoc_ros.model.tree import Deformation, InertialSensor, Sensor, Tree
+from denoc_ros.model.tree import InertialSensor, Sensor, Tree
 from denoc_ros.types import Array
 
 Cut = tuple[float, int]  # station on the body's beam [m]; HINGE or STEP
@@ -88,7 +88,9 @@ class OutboardLoads:
         names = self._cut.coordinate_names
         for place, sensor, cut in self._sensors:
             body, own = robot.tree.bodies[sensor.body], body_amplitudes(robot, sensor.body)
-            deformation, before = _bending(robot.tree, sensor)
+            assert body.beam is not None
+            deformation = body.beam.bending(sensor.direction)
+            before = 0 if sensor.direction == 'y' else body.beam.modes[0]
             stiffness = robot.stiffness[own]
             bends = np.flatnonzero(sensor.row)
             weights[place, self._index[own][bends]] = sensor.row[bends] / stiffness[bends]
@@ -100,7 +102,6 @@ class OutboardLoads:
             elif sensor.quantity == 'moment':
                 weights[place, at] = 1.0 if sensor.direction == 'y' else -1.0
             else:
-                assert body.beam is not None
                 # a number of the description, or live: as many times that
                 live = stiffness[before] / deformation.modal_stiffness[0]
                 rigidity = deformation.stiffness_at(np.array([cut[0] / body.beam.length]))[0]
@@ -162,15 +163,6 @@ def _cut(tree: Tree, sensor: Sensor) -> Cut:
     assert beam is not None
     station = locate(beam.whole_length, beam.segments, sensor.station)[1]
     return station, STEP if sensor.quantity == 'shear' else HINGE
-
-
-def _bending(tree: Tree, sensor: Sensor) -> tuple[Deformation, int]:
-    """Return a sensor's row over its beam, and the number of amplitudes before it."""
-    beam = tree.bodies[sensor.body].beam
-    assert beam is not None
-    deformation = beam.y if sensor.direction == 'y' else beam.z
-    assert deformation is not None
-    return deformation, 0 if sensor.direction == 'y' else beam.modes[0]
 
 
 def _cut_tree(tree: Tree, cuts: Cuts) -> Tree:

@@ -427,9 +427,7 @@ class _Writer:
         listed = self.hinges[sensor.link, sensor.direction]
         body = self.tree.bodies[sensor.body]
         assert body.beam is not None
-        part = body.beam.y if sensor.direction == 'y' else body.beam.z
-        assert part is not None
-        scale = _reading(sensor, part)
+        scale = _reading(sensor, body.beam.bending(sensor.direction))
         if sensor.quantity == 'deflection':
             arms = [(hinge, sensor.station - hinge.station) for hinge in listed]
             coefficients = {hinge.name: arm for hinge, arm in arms if arm > 0.0}
@@ -494,7 +492,8 @@ def mjcf(tree: Tree, gravity: Array, segments: int = SEGMENTS, folder: Path | No
         writer.gauge(sensor)
     writer.inertial_sensors()
     places = {link: writer.place(at) for link, at in tree.frames.items()}
-    rigid = {link: at for link, at in places.items() if link not in _flexible(tree)}
+    flexible = {body.link for body in tree.bodies if is_flexible(body)}
+    rigid = {link: at for link, at in places.items() if link not in flexible}
     writer.notes += add_visuals(tree.source, rigid, writer.asset, folder)
     ModelError.raise_any(tree.name, findings.items)
     _options(writer, gravity)
@@ -534,10 +533,6 @@ def _notes(tree: Tree, chains: Iterable[_Chain]) -> list[str]:
 def _hinges(wanted: int, segments: int) -> int:
     """Return the number of hinges in each of a link's segments: two, or none is exact."""
     return wanted if segments == 1 else max(2, round(wanted / segments))
-
-
-def _flexible(tree: Tree) -> set[str]:
-    return {body.link for body in tree.bodies if is_flexible(body)}
 
 
 def _deformations(tree: Tree) -> Iterator[Deformation]:

@@ -252,13 +252,9 @@ def remounted_description(source: str | os.PathLike[str], sensor: str, rotation:
     root = parse_xml(where, text, whole=True)
     for element in root.findall('flexibility/sensor'):
         if element.get('name') == sensor and element.get('type') in INERTIAL_SENSORS:
-            said = rotation_rpy(_rpy(element))
-            element.set('rpy', number_text(*rpy_of(said @ rotation)))
+            said = np.array([float(part) for part in element.get('rpy', '0 0 0').split()])
+            element.set('rpy', number_text(*rpy_of(rotation_rpy(said) @ rotation)))
             edited = written(root, text)
             tree_of(parse_xml(where, edited), where, edited)
             return edited
     raise ConfigError(where, [f'sensor {sensor!r} must be an IMU or accelerometer, got none'])
-
-
-def _rpy(element: Element) -> Array:
-    return np.array([float(number) for number in element.get('rpy', '0 0 0').split()])

@@ -17,7 +17,6 @@ from denoc_ros.model.tree import (
     Beam,
     BeamSensorKind,
     ComponentModes,
-    Deformation,
     InertialElement,
     Sensor,
     SensorElement,
@@ -29,7 +28,6 @@ COMMON = ('name', 'type', 'link', 'station', 'direction', 'gain', 'offset', 'noi
 ON_MESH = ('name', 'type', 'link', 'point', 'gain', 'offset', 'noise')
 # of geometry_msgs/WrenchStamped, in its order
 WRENCH_FIELDS = ('force.x', 'force.y', 'force.z', 'torque.x', 'torque.y', 'torque.z')
-ANY_KIND = BeamSensorKind('', ('surface', 'component'))  # of a sensor without a type
 
 
 def read_sensor(
@@ -49,7 +47,7 @@ def read_sensor(
     before, name = len(findings.items), element.get('name', '')
     reader = Reader(element, f'sensor {name!r}', findings)
     type_ = reader.choice('type', (*BEAM_SENSORS, *INERTIAL_SENSORS))
-    kind = BEAM_SENSORS.get(type_, ANY_KIND)
+    kind = BEAM_SENSORS.get(type_, BeamSensorKind('', ('surface', 'component')))
     link = element.get('link', '')
     on_mesh = link in components
     if on_mesh:
@@ -103,7 +101,7 @@ def sensor_row(element: SensorElement, beam: Beam, station: float) -> Array:
         -EI s'' about z for a deflection along y, EI s'' about y for one along z. Force
         and moment are those on the part outboard of the station, in the segment's axes.
     """
-    deformation = _bending(element, beam)
+    deformation = beam.bending(element.direction)
     shapes, at = deformation.shapes, np.array([station])
     if element.quantity == 'strain':
         part = -element.surface * shapes.curvatures(at)
@@ -143,17 +141,11 @@ def deflection_row(
     """
     rows = []
     for k, beam in enumerate(beams[:segment]):
-        shapes, tip = _bending(element, beam).shapes, np.array([beam.length])
+        shapes, tip = beam.bending(element.direction).shapes, np.array([beam.length])
         value, slope = shapes.values(tip)[0], shapes.slopes(tip)[0]
         lever = (segment - 1 - k) * beam.length + station
         rows.append(_among_all(element, beam, value + lever * slope))
     return np.concatenate([*rows, sensor_row(element, beams[segment], station)])
-
-
-def _bending(element: SensorElement, beam: Beam) -> Deformation:
-    deformation = beam.y if element.direction == 'y' else beam.z
-    assert deformation is not None
-    return deformation
 
 
 def _among_all(element: SensorElement, beam: Beam, part: Array) -> Array:

@@ -189,6 +189,12 @@ class Beam:
         count = [0 if part is None else part.modes for part in (self.y, self.z, self.torsion)]
         return count[0], count[1], count[2]
 
+    def bending(self, direction: str) -> Deformation:
+        """Return the bending along `y` or `z`, in which it must bend."""
+        found = self.y if direction == 'y' else self.z
+        assert found is not None
+        return found
+
     @property
     def whole_length(self) -> float:
         """Length of the link's beam, all its segments together [m]."""

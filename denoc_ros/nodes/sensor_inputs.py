@@ -52,9 +52,8 @@ class Member:
     @property
     def types(self) -> tuple[str, ...]:
         """Message types that it may come as."""
-        if isinstance(self.sensor, InertialSensor):
-            return (self.sensor.kind.message,)
-        return tuple(READERS)
+        sensor = self.sensor
+        return (sensor.kind.message,) if isinstance(sensor, InertialSensor) else tuple(READERS)
 
 
 def _imu(raw: bytes) -> tuple[int, Array]:

@@ -48,10 +48,10 @@ def test_readings_and_their_derivatives_are_those_of_the_quantity(robot: dn.Robo
     new += [names.index(f'gyroscope/gyro_{axis}') for axis in 'xyz']
     stiffer = robot.with_overrides({'beam.upper.y.ei': 12.0})
     for one in (robot, stiffer):
-        for state in ((q, qd, qdd), (q,)):
-            values = one.sensor_values(*state)
+        loaded = one.sensor_values(q, qd, qdd)
+        for values in (loaded, one.sensor_values(q)):
             np.testing.assert_array_equal(values[new], values[known])
-            assert np.abs(values[known]).min() > 0.0 or len(state) == 1
+        assert np.abs(loaded[known]).min() > 0.0
         for rows in one.sensor_derivatives(q, qd, qdd):
             np.testing.assert_array_equal(rows[new], rows[known])
 
