@@ -32,10 +32,9 @@ from denoc_ros.cli.config import load_config
 from denoc_ros.cli.node_parameters import node_parameters, write_parameters
 from denoc_ros.dynamics.robot import load_robot
 from denoc_ros.nodes.feedforward import FeedforwardNode
-from denoc_ros.nodes.messages import exact_bytes
+from denoc_ros.nodes.messages import exact_bytes, message_class
 from denoc_ros.nodes.plant import PlantNode
 from denoc_ros.nodes.predictor import PredictorNode
-from denoc_ros.nodes.recorder import message_class
 from denoc_ros.nodes.session_client import reference_message
 from denoc_ros.runtime.timing import RealtimeLoop
 from denoc_ros.simulation.reference import trajectory_from_config

@@ -61,8 +61,8 @@ class CdrReader:
         self.order, self._uint, self._int = _INTEGERS[raw[1]]
         self.position = ENCAPSULATION
 
-    def fail(self, rule: str) -> NoReturn:
-        """Raise the error that callers expect for bytes that are no message."""
+    def fail(self, rule: str, _cause: str = 'malformed') -> NoReturn:
+        """Raise the error that callers expect, here for bytes that are no message."""
         raise CdrError(rule)
 
     def _end(self, size: int) -> int:

@@ -13,18 +13,13 @@ import numpy as np
 from denoc_ros.bags.cdr import CdrError, CdrReader
 from denoc_ros.bags.joint_state import FIELDS, JOINT_STATE, JointStateLayout
 from denoc_ros.bags.reader import Stamp, bag_topics, read_bag, read_raw, require_stamp
+from denoc_ros.bags.sensor_messages import READERS, Place
 from denoc_ros.errors import BagError
 from denoc_ros.types import Array, Flags, Stamps
 
 _Part = TypeVar('_Part', bound='_Rows')
 
 ARRAY_TYPES = ('std_msgs/msg/Float64MultiArray', 'std_msgs/msg/Float64')
-READING_TYPES = (
-    'std_msgs/msg/Float64',
-    'std_msgs/msg/Float64MultiArray',
-    'sensor_msgs/msg/JointState',
-    'geometry_msgs/msg/WrenchStamped',
-)
 ODOMETRY = 'nav_msgs/msg/Odometry'
 
 
@@ -34,8 +29,11 @@ def _axes(part: str, axes: str = 'xyz') -> tuple[str, ...]:
 
 # Numbers in messages, as dotted paths by message type.
 INERTIAL_NUMBERS = {
-    'sensor_msgs/msg/Imu': (*_axes('angular_velocity'), *_axes('linear_acceleration')),
-    'geometry_msgs/msg/AccelStamped': _axes('accel.linear'),
+    'sensor_msgs/msg/Imu': {
+        'gyro': _axes('angular_velocity'),
+        'accel': _axes('linear_acceleration'),
+    },
+    'geometry_msgs/msg/AccelStamped': {'accel': _axes('accel.linear')},
 }
 POSE_NUMBERS = {
     'geometry_msgs/msg/PoseStamped': (*_axes('pose.position'), *_axes('pose.orientation', 'xyzw'))
@@ -369,7 +367,7 @@ def read_numbers(
     ----------
     paths : mapping of str to sequence of str
         By the message types that the topic may have: where n numbers are in a message, as
-        `INERTIAL_NUMBERS` has them.
+        `ODOMETRY_NUMBERS` has them.
 
     Returns
     -------
@@ -395,15 +393,14 @@ def read_numbers(
     return np.array(stamps, dtype=np.int64), numbers
 
 
-def read_readings(
-    path: str | Path, topic: str, name: str, field: str = '', wrench_field: str = ''
-) -> tuple[Stamps, Array]:
-    """Return stamps [ns] and raw readings of one sensor, (k,) each.
+def inertial_numbers(kind: str, vectors: Iterable[str]) -> dict[str, tuple[str, ...]]:
+    """Return where messages of a type have angular rate (`gyro`), specific force (`accel`)."""
+    known = INERTIAL_NUMBERS[kind]
+    return {kind: tuple(path for vector in vectors for path in known[vector])}
 
-    Parameters
-    ----------
-    name, field : str
-        The sensor's name, and which element or name in the message is its own.
+
+def read_readings(path: str | Path, topic: str, place: Place) -> tuple[Stamps, Array]:
+    """Return stamps [ns] and raw readings of one sensor, (k,) each.
 
     Raises
     ------
@@ -412,32 +409,21 @@ def read_readings(
     """
     stamps, raw = [], []
     topic = resolved(topic, bag_topics(path))
+    readers = {kind: make() for kind, make in READERS.items()}
     for item in read_bag(path, [topic]):
-        if item.type not in READING_TYPES:
+        if item.type not in readers:
             raise BagError(
-                f'{path}: topic {topic} must be one of {", ".join(READING_TYPES)}, got {item.type}'
+                f'{path}: topic {topic} must be one of {", ".join(readers)}, got {item.type}'
             )
         stamps.append(item.stamp_ns)
         try:
-            raw.append(_reading(item.type, item.message, name, field, wrench_field))
-        except (ValueError, IndexError) as error:
+            raw.append(readers[item.type](CdrReader, item.raw, place)[1])
+        except CdrError as error:
             raise BagError(
-                f'{path}: messages on {topic} must hold sensor {name!r} '
-                f'(field {field or name!r}), got one without'
+                f'{path}: messages on {topic} must hold sensor {place[0]!r} '
+                f'(field {place[1] or place[0]!r}), got one without'
             ) from error
     return np.array(stamps, dtype=np.int64), np.array(raw, dtype=np.float64)
-
-
-def _reading(kind: str, message: Any, name: str, field: str, wrench_field: str) -> float:
-    if kind.endswith('Float64'):
-        return float(message.data)
-    if kind.endswith('WrenchStamped'):
-        return float(operator.attrgetter(wrench_field)(message.wrench))
-    if kind.endswith('JointState'):
-        values = message.position if len(message.position) else message.effort
-        return float(values[list(message.name).index(field or name)])
-    element, names = field or '0', element_names(message)
-    return float(message.data[names.index(element) if element in names else int(element)])
 
 
 def resolved(topic: str, topics: Iterable[str]) -> str:

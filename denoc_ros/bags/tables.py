@@ -227,7 +227,9 @@ def _sheet(rows: list[tuple[int, bool, list[str]]], delimiter: str) -> Sheet:
     commas = _has_decimal_commas(last)
     if delimiter != ' ' and _signals_in_rows([cells for _, cells in body], commas):
         body = list(enumerate(map(list, zip(*(cells for _, cells in body), strict=True))))
-        return Sheet(body[0][1] if _is_text(body[0][1]) else [], [], _rest(body), commas)
+        if _is_text(body[0][1]):
+            return Sheet(body[0][1], [], body[1:], commas)
+        return Sheet([], [], body, commas)
     blank = Sheet([], [], [], commas)
     width = _usual_width([cells for _, cells in body])
     of_width = [cells for cells in last if len(cells) == width]
@@ -246,10 +248,6 @@ def _sheet(rows: list[tuple[int, bool, list[str]]], delimiter: str) -> Sheet:
     above = [row for row in rows if row[0] < first]
     names, units = _heading(above, width, counted, delimiter)
     return Sheet(names, units, data, commas, width)
-
-
-def _rest(body: list[tuple[int, list[str]]]) -> list[tuple[int, list[str]]]:
-    return body[1:] if _is_text(body[0][1]) else body
 
 
 def _is_text(cells: Sequence[str]) -> bool:

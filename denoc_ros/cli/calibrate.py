@@ -28,7 +28,8 @@ from denoc_ros.estimation.calibration import (
     sensor_values,
 )
 from denoc_ros.model.overrides import edited_description, remounted_description
-from denoc_ros.model.sensors import wrench_field
+from denoc_ros.model.sensors import message_place
+from denoc_ros.model.tree import INERTIAL_UNITS
 from denoc_ros.output_files import write_new, write_text
 
 KINDS = ('value', 'deflection', 'load')
@@ -80,7 +81,7 @@ def run_mounting(args: argparse.Namespace, file: Path, robot: Robot) -> VerbResu
 def _mounting_lines(row: Mapping[str, Any]) -> Iterator[str]:
     degrees = math.degrees(row['angle']), math.degrees(row['angle_error'])
     yield f'{row["sensor"]}: turned by {degrees[0]:.3f} +- {degrees[1]:.2g} deg on its link'
-    for name, unit in (('gyro', 'rad/s'), ('accel', 'm/s^2')):
+    for name, unit in INERTIAL_UNITS.items():
         if row[f'{name}_residual'] > 0.0:
             pairs = zip(row[f'{name}_bias'], row[f'{name}_bias_error'], strict=True)
             listed = '  '.join(f'{x:.5g} +- {e:.2g}' for x, e in pairs)
@@ -155,8 +156,7 @@ def _readings(args: argparse.Namespace, robot: Robot) -> tuple[Any, Any, float]:
     (sensor,) = (s for s in robot.tree.sensors if s.name == args.sensor)
     if not sensor.topic:
         raise ConfigError(str(args.robot), [f'sensor {sensor.name!r} must have a topic, got none'])
-    field = wrench_field(sensor, robot.tree)
-    stamp_ns, raw = read_readings(path, sensor.topic, sensor.name, sensor.field, field)
+    stamp_ns, raw = read_readings(path, sensor.topic, message_place(sensor, robot.tree))
     plateaus = find_plateaus(elapsed(stamp_ns), raw, args.hold)
     return plateaus.means, match_levels(plateaus, args.levels), plateaus.deviation
 

@@ -337,15 +337,14 @@ def _add_limits(parser: argparse.ArgumentParser) -> None:
 
 def _excite(
     options: dict[str, Any],
-    file: Path,
-    robot: Robot,
+    loaded: tuple[Path, Robot],
     free: list[str],
     interval: float,
     files: tuple[Path, Path | None, Path | None],
     command: str,
     json: bool,
 ) -> VerbResult:
-    output, trajectory, page = files
+    (file, robot), (output, trajectory, page) = loaded, files
     with share_bar(json) as bar:
         found = design_excitation(
             robot, free, **options, progress=lambda share: bar.update(share - bar.n)
@@ -373,10 +372,10 @@ def _excite_options(args: argparse.Namespace) -> dict[str, Any]:
     return {name: getattr(args, name) for name in (*always, *given)}
 
 
-def _overridden(args: argparse.Namespace) -> Robot:
-    return overridden(
-        load_robot(given_file(args.robot, 'robot'), gravity=tuple(args.gravity)), args
-    )
+def _loaded(args: argparse.Namespace) -> tuple[Path, Robot]:
+    """Return the robot's file and the robot with the options' numbers."""
+    file = given_file(args.robot, 'robot')
+    return file, overridden(load_robot(file, gravity=tuple(args.gravity)), args)
 
 
 def _head(found: Excitation) -> str:
@@ -408,8 +407,7 @@ DECLARED = (
         _excite,
         settings={
             'options': _excite_options,
-            'file': lambda args: given_file(args.robot, 'robot'),
-            'robot': _overridden,
+            'loaded': _loaded,
             'files': lambda args: (args.output, args.trajectory, args.page),
         },
     ),

@@ -56,8 +56,8 @@ class Action:
     description: str
     add_options: Callable[[argparse.ArgumentParser], None]  # declares its arguments
     fit: Callable[..., Fit | VerbResult]
-    # of a Fit's document, the lines for a terminal
-    text: Callable[[Document], str] = lambda document: f'verdict: {document["verdict"]}'
+    # of a Fit's document, the lines for a terminal; None where there is no Fit
+    text: Callable[[Document], str] | None = None
     # of a Fit's document, what is drawn and the command line; None: its folder has none
     page: Callable[..., ReportPage] | None = None
     # how an argument of `fit` that is no option follows from all of them
@@ -74,6 +74,7 @@ class Action:
         )
         if isinstance(found, VerbResult):
             return found
+        assert self.text is not None
         document, notes = {**found.document, 'versions': versions()}, found.notes
         if output := args.output:
             if (output / RESULT_FILE).exists():

@@ -47,13 +47,10 @@ def run(args: argparse.Namespace) -> VerbResult:
 
 
 def _lines(row: dict[str, Any]) -> list[str]:
-    lines = [f'{row["path"]}: {row["messages"]} messages in {_files(len(row["files"]))}']
+    files = len(row['files'])
+    lines = [f'{row["path"]}: {row["messages"]} messages in {files} file{"s" * (files != 1)}']
     lines += [f'  {topic}: {count}' for topic, count in sorted(row['topics'].items())]
     lines += [f'  {name} was cut off' for name in row['torn']]
     if row['damaged_chunks']:
         lines.append(f'  {row["damaged_chunks"]} damaged chunks were left out')
     return lines
-
-
-def _files(count: int) -> str:
-    return '1 file' if count == 1 else f'{count} files'

@@ -283,7 +283,7 @@ class DeviationFilter:
             errors.restart(gains, self.state)
 
     def _find_faults(self, now: float, gains: PostureGains) -> None:
-        """Leave out a sensor that contradicts the others, and what it has done to the estimate."""
+        """Leave out a sensor that contradicts the others, and its effect on the estimate."""
         errors = self.errors
         if errors is None or self.blind:
             return
@@ -307,7 +307,7 @@ class DeviationFilter:
             self.errors.doubt(self.time)
 
     def _start(self, now: float, gains: PostureGains) -> None:
-        """Start from the mean of what was measured first: a jump would look like vibration."""
+        """Start from the mean of the first values: a jump would look like vibration."""
         most = FAR * gains.reach
         most[: 2 * self._k] = np.inf
         fits = self._new & (np.abs(self._innovation) <= most) & np.isfinite(gains.spread)
@@ -407,7 +407,7 @@ class DeviationFilter:
         self._agree(gains)
 
     def _judge(self, now: float, age: float, place: float, agrees: float, largest: float) -> None:
-        """Decide by what `sift` finds whether to believe the estimate and to hear the sensors."""
+        """Decide by `sift` whether to believe the estimate and to hear the sensors."""
         cause = ''
         if not largest < LARGEST:  # NaN is no less
             self.state[:], self._fresh, self._unbiased[:] = 0.0, True, True

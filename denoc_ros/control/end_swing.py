@@ -27,7 +27,7 @@ RUNGE_KUTTA = (
 
 
 class Driven(NamedTuple):
-    """A motion of all coordinates: q, qd (k, n), and what drives the joints between (k - 1, h).
+    """A motion of all coordinates: q, qd (k, n), and the joints' drive between (k - 1, h).
 
     That is their accelerations, or net torques: those without Coulomb friction.
     """
@@ -225,11 +225,11 @@ class EndSwing:
         return self.after(step, motion) - np.hstack([motion.q, motion.qd])[1:]
 
     def error(self, motion: Driven) -> Array:
-        """Return what is left (m,): modal amplitudes times omega, modal rates."""
+        """Return the residual swing (m,): modal amplitudes times omega, modal rates."""
         return self.seen(np.concatenate((motion.q[-1] - self._goal, motion.qd[-1])))
 
     def seen(self, change: Array) -> Array:
-        """Return what changes (..., 2 n) of all coordinates and their rates leave (..., m)."""
+        """Return the swing (..., m) after changes (..., 2 n) of coordinates and rates."""
         return np.asarray(change @ self._observe.T)
 
     def change(

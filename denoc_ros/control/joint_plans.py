@@ -15,7 +15,7 @@ from denoc_ros.control.asked_motion import AskedMotion
 from denoc_ros.control.driven_joints import DrivenJoints
 from denoc_ros.control.end_swing import follow_joints
 from denoc_ros.control.grid import GridMotion
-from denoc_ros.control.joint_limits import JointLimits, require_limits
+from denoc_ros.control.joint_limits import require_limits
 from denoc_ros.control.limit_rows import LimitOptions, LimitRows
 from denoc_ros.control.mode_table import ModeTable, read_mode_table
 from denoc_ros.control.plan import Plan
@@ -162,8 +162,9 @@ def shaper_motion(
     def motion(at: Array, derivative: int = 0) -> Array:
         return np.asarray(spline(np.clip(at, begin, end), derivative), dtype=np.float64)
 
-    plan = _plan(method, robot, motion, (begin, end), options, table)
-    require_limits(robot, plan, _limits(robot, options), '; make the motion slower')
+    even = _even(begin, end, options)
+    plan = _simulated(method, robot, motion, even, options.modes, table)
+    require_limits(robot, plan, options.limits(robot).joints, '; make the motion slower')
     return _with_tip(robot, plan, times, q_joints, frames, delay, 0.5 * delay)
 
 
@@ -268,18 +269,6 @@ def _check(options: ShaperOptions) -> Callable[[], None]:
     return check
 
 
-def _plan(
-    method: str,
-    robot: Robot,
-    motion: JointMotion,
-    window: tuple[float, float],
-    options: ShaperOptions,
-    table: ModeTable | None = None,
-) -> Plan:
-    """Return the plan of all coordinates while the joints do a motion, from rest."""
-    return _simulated(method, robot, motion, _even(*window, options), options.modes, table)
-
-
 def _even(begin: float, end: float, options: ShaperOptions, parts: int = 1) -> Array:
     """Return times in steps that are equal shares of as many equal parts."""
     steps = np.ceil((end - begin) / (parts * options.output_step) - 1e-9)
@@ -371,10 +360,6 @@ def with_spread(robot: Robot, plan: Plan, frames: tuple[str, ...], options: Limi
             largest[name] = max(largest.get(name, 0.0), value)
     use = plan.limits or LimitRows(robot, indices, frames, limits).use(plan)
     return replace(plan, limits=replace(use, spread=largest))
-
-
-def _limits(robot: Robot, options: ShaperOptions) -> JointLimits:
-    return options.limits(robot).joints
 
 
 def _with_tip(

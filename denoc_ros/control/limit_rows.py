@@ -284,7 +284,7 @@ class LimitRows:
         self._narrowed *= np.maximum(np.maximum(beside[:-2], beside[2:]), beyond)
 
     def narrowed(self, where: Array) -> Array:
-        """Return by what shares (k, rows) at places (k,) are multiplied: 1, or narrower limits."""
+        """Return factors of shares (k, rows) at places (k,): 1, or more by narrower limits."""
         at = np.clip(PLACES * where, 0.0, PLACES)
         low = np.minimum(at.astype(np.int64), PLACES - 1)
         share = (at - low)[:, None]

@@ -363,7 +363,7 @@ class ErrorEstimate:
         self.forget_innovations()
 
     def forget_innovations(self) -> None:
-        """Look for faults in what comes from now on."""
+        """Look for faults from now on."""
         self._settled, self.suspected = np.inf, False
         self._information[:], self._explained[:] = 0.0, 0.0
 
@@ -391,7 +391,7 @@ class ErrorEstimate:
         self.forget_innovations()
 
     def push(self, now: float, gains: PostureGains) -> None:
-        """Take note of what the second estimate expects now [s]."""
+        """Take note of the second estimate's expected values at a time [s]."""
         self.expected.push(now)[:] = gains.measured @ self.estimate
 
     def take(

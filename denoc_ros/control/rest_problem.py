@@ -1,4 +1,4 @@
-"""The motion between two postures as splines, what rings at its end, and its limits."""
+"""The motion between two postures as splines, its residual vibration, and its limits."""
 
 from __future__ import annotations
 
@@ -585,7 +585,7 @@ class RestProblem:
         )
 
     def _rows(self, x: Array, places: Places, order: int | None = None) -> Array:
-        """Return a derivative of the splines (k, joints): by default what drives the joints."""
+        """Return a derivative of the splines (k, joints), by default their drive."""
         order = self.basis.order if order is None else order
         design, fixed = places[order]
         rows = (design @ self.shaped(x) + fixed) / x[-1] ** order
@@ -821,10 +821,6 @@ class RestProblem:
     def places(self, plan: Plan) -> Array:
         """Return the places along the motion (k,), 0 to 1, of a plan's rows."""
         return np.asarray((plan.t - plan.t[0]) / (plan.t[-1] - plan.t[0]))
-
-
-# of limits that LimitRows takes by differences in time, their order
-DIFFERENCES = {'jerk': 1, 'effort_rate': 1, 'tip_speed': 1, 'tip_acceleration': 2}
 
 
 def _spline_of(t: Array, qd: Array, qdd: Array, start: Array, end: Array) -> PPoly:

@@ -128,6 +128,6 @@ class Timing:
         return np.asarray(self._path(np.clip(times, 0.0, self.duration), 1))
 
     def change_of_times(self, times: Array) -> Array:
-        """Return how the moments of passing what is passed at times (m,) change (m, p)."""
+        """Return the derivatives (m, p) of the moments that pass the stations of times (m,)."""
         at = np.clip(times, 0.0, self.duration)
         return np.asarray(self._later(at))

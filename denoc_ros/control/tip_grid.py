@@ -1,4 +1,4 @@
-"""Tip-exact motions on grids of times: what is asked, solved, made finer, and made a plan."""
+"""Tip-exact motions on grids of times: asked, solved, refined, and made a plan."""
 
 from __future__ import annotations
 

@@ -240,7 +240,7 @@ class TipProblem:
     def torque_change(
         self, q: Array, qd: Array, qdd: Array, multipliers: Array, by: tuple[Array, ...]
     ) -> Array:
-        """Return the change (k, driven, p) of the torque with that of what it is of.
+        """Return the change (k, driven, p) of the torque with those of its arguments.
 
         `by` has the changes (k, n, p) of coordinates, rates and accelerations and (k, m, p) of the
         multipliers.
@@ -276,7 +276,7 @@ class TipProblem:
         return np.flatnonzero(left * reach > UNREACHED * self.draw**2)
 
     def hessian(self, q: Array, errors: Array, jacobian: Array) -> Array:
-        """Return the Hessian (k, n, n) of half the squared errors, without what is not convex.
+        """Return the Hessian (k, n, n) of half the squared errors, without concave parts.
 
         `jacobian` has the errors' derivatives; at nodes that are :meth:`unreached` their second
         ones count as well.

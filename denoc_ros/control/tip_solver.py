@@ -372,7 +372,7 @@ def sensitivity(
     path: tuple[Array, Array],
     by: tuple[Array, Array],
 ) -> tuple[Array, Array] | None:
-    """Return how a solution changes where what is asked moves along its path, and the step.
+    """Return the change of a solution as the asked motion moves along its path, and the step.
 
     Parameters
     ----------

@@ -33,7 +33,7 @@ from denoc_ros.kernels import frame_motion
 from denoc_ros.model.arrays import ModelArrays
 from denoc_ros.model.segments import locate
 from denoc_ros.model.shapes import HINGE, STEP, CutShapes
-from denoc_ros.model.tree import Deformation, InertialSensor, Sensor, Tree
+from denoc_ros.model.tree import InertialSensor, Sensor, Tree
 from denoc_ros.types import Array
 
 Cut = tuple[float, int]  # station on the body's beam [m]; HINGE or STEP
@@ -66,7 +66,7 @@ class OutboardLoads:
         self._sensors = [
             (place, sensor, _cut(robot.tree, sensor))
             for place, sensor in enumerate(robot.tree.sensors)
-            if sensor.type != 'deflection' and robot.tree.bodies[sensor.body].beam is not None
+            if sensor.quantity != 'deflection' and robot.tree.bodies[sensor.body].beam is not None
         ]
         self._cuts: Cuts = defaultdict(list)
         for _, sensor, cut in self._sensors:
@@ -88,19 +88,20 @@ class OutboardLoads:
         names = self._cut.coordinate_names
         for place, sensor, cut in self._sensors:
             body, own = robot.tree.bodies[sensor.body], body_amplitudes(robot, sensor.body)
-            deformation, before = _bending(robot.tree, sensor)
+            assert body.beam is not None
+            deformation = body.beam.bending(sensor.direction)
+            before = 0 if sensor.direction == 'y' else body.beam.modes[0]
             stiffness = robot.stiffness[own]
             bends = np.flatnonzero(sensor.row)
             weights[place, self._index[own][bends]] = sensor.row[bends] / stiffness[bends]
             among = self._cuts[sensor.body, sensor.direction].index(cut)
             number = deformation.modes + among + 1
             at = names.index(f'{body.name}/{sensor.direction}{number}')
-            if sensor.component == 'shear':
+            if sensor.quantity == 'shear':
                 weights[place, at] = 1.0
-            elif sensor.component == 'moment':
+            elif sensor.quantity == 'moment':
                 weights[place, at] = 1.0 if sensor.direction == 'y' else -1.0
             else:
-                assert body.beam is not None
                 # a number of the description, or live: as many times that
                 live = stiffness[before] / deformation.modal_stiffness[0]
                 rigidity = deformation.stiffness_at(np.array([cut[0] / body.beam.length]))[0]
@@ -161,16 +162,7 @@ def _cut(tree: Tree, sensor: Sensor) -> Cut:
     beam = tree.bodies[sensor.body].beam
     assert beam is not None
     station = locate(beam.whole_length, beam.segments, sensor.station)[1]
-    return station, STEP if sensor.component == 'shear' else HINGE
-
-
-def _bending(tree: Tree, sensor: Sensor) -> tuple[Deformation, int]:
-    """Return a sensor's row over its beam, and the number of amplitudes before it."""
-    beam = tree.bodies[sensor.body].beam
-    assert beam is not None
-    deformation = beam.y if sensor.direction == 'y' else beam.z
-    assert deformation is not None
-    return deformation, 0 if sensor.direction == 'y' else beam.modes[0]
+    return station, STEP if sensor.quantity == 'shear' else HINGE
 
 
 def _cut_tree(tree: Tree, cuts: Cuts) -> Tree:
@@ -426,8 +418,8 @@ class SensorValues(DifferentiableModel):
         values = np.empty((len(motion), len(self.sensor_names)))
         values[:, self.tree.beam_sensor_places] = on_beams
         for k, sensor in enumerate(self.tree.inertial_sensors):
-            count = len(sensor.parts)
-            values[:, sensor.first : sensor.first + count] = motion[:, k, -count:]
+            own = slice(sensor.first, sensor.first + len(sensor.parts))
+            values[:, own] = motion[:, k, sensor.kind.columns]
         return values[0] if single else values
 
     def beam_sensor_values(
@@ -556,9 +548,9 @@ class SensorValues(DifferentiableModel):
             (velocity[1][..., 3:, :], acceleration[1][..., :3, :]),
             (zero, acceleration[2][..., :3, :]),
         )
-        back, count = np.swapaxes(axes, -1, -2), len(sensor.parts)
+        back, own = np.swapaxes(axes, -1, -2), sensor.kind.columns
         by_q, by_qd, by_qdd = (
-            np.concatenate([np.matmul(back, part) for part in parts], axis=-2)[..., -count:, :]
+            np.concatenate([np.matmul(back, part) for part in parts], axis=-2)[..., own, :]
             for parts in found
         )
         return by_q, by_qd, by_qdd

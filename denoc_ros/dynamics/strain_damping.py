@@ -202,7 +202,7 @@ def _gauge(robot: Robot, joint: str) -> tuple[int, Array, float]:
     for place, (sensor, row) in enumerate(
         zip(robot.tree.sensors, sensor_rows(robot), strict=True)
     ):
-        if sensor.type == 'strain_gauge' and sensor.link in links and sensor.topic:
+        if sensor.quantity == 'strain' and sensor.link in links and sensor.topic:
             found.append((place, row, float(row @ answer)))
     if not any(strain for *_, strain in found):
         raise StateError(

@@ -99,7 +99,7 @@ def composed_sensors(robot: RobotModel) -> list[tuple[int, Sensor]]:
     return [
         (place, sensor)
         for place, sensor in enumerate(robot.tree.sensors)
-        if sensor.type == 'deflection' and len(sensor.row) > sum(_modes(robot, sensor))
+        if sensor.quantity == 'deflection' and len(sensor.row) > sum(_modes(robot, sensor))
     ]
 
 

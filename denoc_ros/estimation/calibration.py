@@ -10,13 +10,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
-from denoc_ros.bags.series import INERTIAL_NUMBERS, read_joint_states, read_numbers
+from denoc_ros.bags.series import inertial_numbers, read_joint_states, read_numbers
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.rotations import cross_matrices
 from denoc_ros.dynamics.structure import sensor_rows
 from denoc_ros.dynamics.validation import as_vector
 from denoc_ros.errors import ConfigError, IdentificationError, StateError
 from denoc_ros.estimation.joint_motion import smooth
+from denoc_ros.model.tree import INERTIAL_UNITS
 from denoc_ros.types import Array
 
 REFERENCES = ('value', 'deflection', 'load')
@@ -383,7 +384,7 @@ def calibrate_mounting(
         weights = 1.0 / np.maximum(np.sqrt(np.mean(left**2, axis=(0, 2))), 1e-12)
         if number > 1 and np.linalg.norm(step) < CLOSE:  # with weights by the residuals
             break
-    return _described(rotation, bias, covariance, 1.0 / weights)
+    return _described(found[0].kind.vectors, rotation, bias, covariance, 1.0 / weights)
 
 
 def _start(sensor: str, seen: Array, given: Array) -> tuple[Array, Array]:
@@ -421,8 +422,10 @@ def _fit(rotation: Array, seen: Array, given: Array, weights: Array) -> tuple[Ar
     return step, bias, covariance
 
 
-def _described(rotation: Array, bias: Array, covariance: Array, residual: Array) -> Mounting:
-    """Result with its doubts."""
+def _described(
+    vectors: Sequence[str], rotation: Array, bias: Array, covariance: Array, residual: Array
+) -> Mounting:
+    """Result with its doubts; bias and residual are those of the vectors that are measured."""
     angle = float(np.linalg.norm(Rotation.from_matrix(rotation).as_rotvec()))
     errors = np.sqrt(np.diag(covariance))
     angle_error = float(np.linalg.norm(errors[:3]))
@@ -431,11 +434,14 @@ def _described(rotation: Array, bias: Array, covariance: Array, residual: Array)
         doubts.append(f'the rotation must be certain to 1 deg, got {np.degrees(angle_error):.2g}')
     if angle > DOUBTFUL_TURN:
         doubts.append(f'the rotation must be a small one, got {np.degrees(angle):.3g} deg')
-    has_gyro = len(bias) == 2
-    gyro = (bias[0], errors[3:6], float(residual[0])) if has_gyro else (np.zeros(3),) * 2 + (0.0,)
+    of = {
+        vector: (bias[k], errors[3 * k + 3 : 3 * k + 6], float(residual[k]))
+        for k, vector in enumerate(vectors)
+    }
+    gyro, accel = (of.get(vector, (np.zeros(3), np.zeros(3), 0.0)) for vector in INERTIAL_UNITS)
     return Mounting(
-        rotation, angle, angle_error, gyro[0], bias[-1], gyro[1], errors[-3:], gyro[2],
-        float(residual[-1]), tuple(doubts),
+        rotation, angle, angle_error, gyro[0], accel[0], gyro[1], accel[1], gyro[2], accel[2],
+        tuple(doubts),
     )  # fmt: skip
 
 
@@ -468,7 +474,8 @@ def read_motion(
     (sensor,) = (s for s in robot.tree.inertial_sensors if s.name == name)
     if not sensor.topic:
         raise ConfigError(where, [f'sensor {sensor.name!r} must have a topic, got none'])
-    stamp_ns, readings = read_numbers(path, sensor.topic, INERTIAL_NUMBERS)
+    numbers = inertial_numbers(sensor.kind.message, sensor.kind.vectors)
+    stamp_ns, readings = read_numbers(path, sensor.topic, numbers)
     joints = read_joint_states(path, names=robot.joint_names)
     inside = np.flatnonzero(
         (stamp_ns >= joints.stamp_ns.min(initial=np.iinfo(np.int64).max))

@@ -280,7 +280,7 @@ class StrainFusion:
         return max(late, default=0.0)
 
     def _find_moments(self, q: Array, qd: Array) -> None:
-        """Find what gauges read beyond the shapes at the newest state (n,), and how it changes.
+        """Find the gauges' part beyond the shapes at the newest state (n,), and its rate.
 
         With d'' = M^-1 (f - K d - C d' + ...) its derivatives by [d; d'; f] are
         R M^-1 [-K, -C, 1], R those by d''.

@@ -14,6 +14,8 @@ from denoc_ros.types import Array
 FEWEST_POINTS = 16
 WHOLE = 1e-3  # of a step: how far positions may be off a multiple of it
 SMALLEST_STEP = 1e-12  # of the range: less is the rounding of floating point
+# of second differences, over the step: sqrt(6) times the deviation of rounding
+ROUNDING_DEVIATION = (6.0 / 12.0) ** 0.5
 ROUNDING = 0.6  # share of the acceleration that comes from rounding; above it, it is reported
 
 
@@ -33,10 +35,11 @@ def rounded_setpoints(values: Mapping[str, Any]) -> list[str]:
             step, share = _rounding(x)
             if share > ROUNDING:
                 interval = float(np.median(np.diff(times)))
+                off = ROUNDING_DEVIATION * step / interval**2
                 found.append(
                     f'{where}: positions of column {column} are rounded to {step:.2g} at steps of '
                     f'{interval:.3g} s: their accelerations are off by about '
-                    f'{_noise(step, interval):.2g} per s^2; --smooth HZ removes that'
+                    f'{off:.2g} per s^2; --smooth HZ removes that'
                 )
     return found
 
@@ -99,9 +102,4 @@ def _rounding(x: Array) -> tuple[float, float]:
     if np.max(np.abs(parts - np.round(parts))) > max(WHOLE, 1e-9 * float(np.abs(parts).max())):
         return 0.0, 0.0
     size = float(np.sqrt(np.mean(np.diff(x, 2)[1:-1] ** 2)))
-    # second differences of rounding: sqrt(6) of its standard deviation
-    return step, float(np.sqrt(6.0 / 12.0)) * step / size if size else 0.0
-
-
-def _noise(step: float, interval: float) -> float:
-    return float(np.sqrt(6.0 / 12.0)) * step / interval**2
+    return step, ROUNDING_DEVIATION * step / size if size else 0.0

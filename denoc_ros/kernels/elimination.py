@@ -3,7 +3,7 @@
 from denoc_ros.kernels import layout as at_
 from denoc_ros.kernels.block import block_at, reduced, wrench_of
 from denoc_ros.kernels.body_inertia import flexible_block, transmit_inertia
-from denoc_ros.kernels.compiled import inlined
+from denoc_ros.kernels.compiled import inlined, shared
 from denoc_ros.kernels.handle import at
 from denoc_ros.kernels.inverse import joint_force
 from denoc_ros.kernels.vector import add, cross, dot, load, scale, store, subtract, unrotate
@@ -194,9 +194,13 @@ def eliminate(topology, constants, work, shift, drive, i, free, m):
     return good, block, force, torque
 
 
-@inlined
+@shared
 def inward_flexible(topology, constants, work, shift, drive, i, free, m):
-    """Eliminate flexible body i and pass on the remainder; say whether it was possible."""
+    """Eliminate flexible body i and pass on the remainder; say whether it was possible.
+
+    A function of its own: within a loop that has :func:`inward_rigid` too, the compiler joins the
+    ends of both, and all that they pass on goes over the stack.
+    """
     good, block, force, torque = eliminate(topology, constants, work, shift, drive, i, free, m)
     if good and at(topology, i, at_.PARENT) > 0:
         transmit_wrench(topology, work, i, force, torque)

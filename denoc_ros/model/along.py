@@ -85,15 +85,12 @@ class Along:
             return self
         inner = [x for x in self.breaks if start + SAME < x < end - SAME]
         edges = np.array([start, *inner, end])
-        samples = [self.values(_stations(a, b)) for a, b in itertools.pairwise(edges)]
+        nodes = _nodes() + 1.0
+        samples = [self.values(a + 0.5 * (b - a) * nodes) for a, b in itertools.pairwise(edges)]
         return fitted((edges - start) / (end - start), samples)
 
 
 CONSTANT = Along()
-
-
-def _stations(start: float, end: float) -> Array:
-    return np.asarray(start + 0.5 * (end - start) * (_nodes() + 1.0))
 
 
 def fitted(edges: Array, samples: list[Array]) -> Along:

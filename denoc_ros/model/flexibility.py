@@ -26,7 +26,7 @@ from denoc_ros.model.rigid_urdf import RigidUrdf
 from denoc_ros.model.sensors import read_inertial_sensor, read_sensor
 from denoc_ros.model.shapes import SHAPES
 from denoc_ros.model.tree import (
-    INERTIAL_PARTS,
+    INERTIAL_SENSORS,
     SIDES,
     InertialElement,
     JointKind,
@@ -137,7 +137,7 @@ def _add_sensors(
     flexible = flexibility.flexible_links
     values = 0  # of the sensors so far
     for element in block.findall('sensor'):
-        if element.get('type') in INERTIAL_PARTS:
+        if element.get('type') in INERTIAL_SENSORS:
             inertial = read_inertial_sensor(element, links, flexible, names, values, findings)
             if inertial is not None:
                 flexibility.inertial_sensors.append(inertial)

@@ -47,6 +47,7 @@ from denoc_ros.types import Array
 
 SEGMENTS = 16
 MOST_SEGMENTS = 200
+INERTIAL_TAGS = {'gyro': 'gyro', 'accel': 'accelerometer'}
 AXES = {'y': '0 0 1', 'z': '0 -1 0', 't': '1 0 0'}  # of the hinge of each deformation
 # MuJoCo wants a mass and principal moments above 1e-15 of whatever moves
 LEAST_MASS, LEAST_INERTIA = 1e-12, 1e-12
@@ -426,14 +427,12 @@ class _Writer:
         listed = self.hinges[sensor.link, sensor.direction]
         body = self.tree.bodies[sensor.body]
         assert body.beam is not None
-        part = body.beam.y if sensor.direction == 'y' else body.beam.z
-        assert part is not None
-        scale = _reading(sensor, part)
-        if sensor.type == 'deflection':
+        scale = _reading(sensor, body.beam.bending(sensor.direction))
+        if sensor.quantity == 'deflection':
             arms = [(hinge, sensor.station - hinge.station) for hinge in listed]
             coefficients = {hinge.name: arm for hinge, arm in arms if arm > 0.0}
         else:
-            slope = sensor.component == 'shear'
+            slope = sensor.quantity == 'shear'
             coefficients = dict(_interpolated(listed, sensor.station, slope))
         scaled = {name: scale * value for name, value in coefficients.items()}
         self.fixed(f'sensor/{sensor.name}', scaled or {listed[0].name: 0.0})
@@ -446,13 +445,11 @@ class _Writer:
         """Add gyroscopes and accelerometers."""
         for sensor in self.tree.inertial_sensors:
             self.site(sensor.frame, sensor.mount)
-            kinds = {'accelerometer': sensor.accel_noise}
-            if sensor.type == 'imu':
-                kinds = {'gyro': sensor.gyro_noise, **kinds}
-            for kind, noise in kinds.items():
+            for vector in sensor.kind.vectors:
+                noise = _text(getattr(sensor, f'{vector}_noise'))
                 etree.SubElement(
-                    self.sensor, kind, name=f'{sensor.name}/{kind}', site=sensor.frame,
-                    noise=_text(noise),
+                    self.sensor, INERTIAL_TAGS[vector], site=sensor.frame, noise=noise,
+                    name=f'{sensor.name}/{INERTIAL_TAGS[vector]}',
                 )  # fmt: skip
 
 
@@ -495,7 +492,8 @@ def mjcf(tree: Tree, gravity: Array, segments: int = SEGMENTS, folder: Path | No
         writer.gauge(sensor)
     writer.inertial_sensors()
     places = {link: writer.place(at) for link, at in tree.frames.items()}
-    rigid = {link: at for link, at in places.items() if link not in _flexible(tree)}
+    flexible = {body.link for body in tree.bodies if is_flexible(body)}
+    rigid = {link: at for link, at in places.items() if link not in flexible}
     writer.notes += add_visuals(tree.source, rigid, writer.asset, folder)
     ModelError.raise_any(tree.name, findings.items)
     _options(writer, gravity)
@@ -537,10 +535,6 @@ def _hinges(wanted: int, segments: int) -> int:
     return wanted if segments == 1 else max(2, round(wanted / segments))
 
 
-def _flexible(tree: Tree) -> set[str]:
-    return {body.link for body in tree.bodies if is_flexible(body)}
-
-
 def _deformations(tree: Tree) -> Iterator[Deformation]:
     for body in tree.bodies:
         if body.beam is not None:
@@ -550,11 +544,11 @@ def _deformations(tree: Tree) -> Iterator[Deformation]:
 
 def _reading(sensor: Sensor, part: Deformation) -> float:
     """Return a sensor's value per curvature, per its slope or per deflection."""
-    if sensor.type == 'deflection':
+    if sensor.quantity == 'deflection':
         return 1.0
-    if sensor.type == 'strain_gauge':
+    if sensor.quantity == 'strain':
         return -sensor.surface
-    if sensor.component == 'moment' and sensor.direction == 'y':
+    if sensor.quantity == 'moment' and sensor.direction == 'y':
         return -part.stiffness
     return part.stiffness
 

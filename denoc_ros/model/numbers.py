@@ -31,8 +31,8 @@ from denoc_ros.model.segments import (
     inertia_of,
     locate,
 )
-from denoc_ros.model.sensors import sensor_row
-from denoc_ros.model.tree import Body, Joint, Sensor, Tree
+from denoc_ros.model.sensors import deviation_fields, sensor_row
+from denoc_ros.model.tree import INERTIAL_UNITS, Body, Joint, Sensor, Tree
 from denoc_ros.types import Array
 
 Given = TypeVar('Given')
@@ -52,10 +52,6 @@ SPRING_FIELDS = {
     'backlash': 'backlash',
 }
 SENSOR_FIELDS = ('gain', 'offset', 'noise')
-INERTIAL_FIELDS = {
-    'imu': ('gyro_noise', 'accel_noise', 'gyro_bias', 'accel_bias'),
-    'accelerometer': ('accel_noise', 'accel_bias'),
-}
 PAYLOAD_UNITS = {'mass': 'kg', 'com': 'm', 'inertia': 'kg m^2'}
 SHOWN = 12  # paths in a message
 HELD = 'numbers'  # name of a tree's catalogue among its cached properties
@@ -186,7 +182,7 @@ def _critical(tree: Tree, place: Place, modes: Any) -> Array:
 
 
 def _with_rigidities(tree: Tree, places: Sequence[Place]) -> Tree:
-    """Return a robot whose load cells, and sections of beams at places, fit their EI and GJ."""
+    """Return a robot whose sensors of loads and sections of beams fit the places' EI and GJ."""
     for place in places:
         beam = tree.bodies[place.index].beam
         if beam is not None and beam.has_section:
@@ -201,7 +197,7 @@ def _with_rigidities(tree: Tree, places: Sequence[Place]) -> Tree:
 def _of_beams(sensor: Sensor, tree: Tree) -> Sensor:
     """Return a sensor whose row fits the beams as they are."""
     beam = tree.bodies[sensor.body].beam
-    if sensor.type != 'load_cell' or beam is None:
+    if sensor.quantity not in ('moment', 'shear') or beam is None:
         return sensor
     _, station = locate(beam.whole_length, beam.segments, sensor.station)
     return replace(sensor, row=sensor_row(sensor, beam, station))
@@ -251,8 +247,8 @@ def _all_numbers(tree: Tree) -> list[Number]:
         ]
     for k, inertial in enumerate(tree.inertial_sensors):
         place, path = Place('inertial_sensors', k), f'sensor.{inertial.name}'
-        for field in INERTIAL_FIELDS[inertial.type]:
-            unit = 'rad/s' if field.startswith('gyro') else 'm/s^2'
+        for field in deviation_fields(inertial.type):
+            unit = INERTIAL_UNITS[field.partition('_')[0]]
             found.append(Number(f'{path}.{field}', unit, place, field))
     for link in carrying_links(tree):
         place = Place('bodies', tree.frames[link].body)

@@ -22,7 +22,6 @@ from denoc_ros.model.numbers import (
     DAMPING,
     FAMILIES,
     FLEXIBLE_FIELDS,
-    INERTIAL_FIELDS,
     JOINT_FIELDS,
     SENSOR_FIELDS,
     SPRING_FIELDS,
@@ -32,8 +31,9 @@ from denoc_ros.model.numbers import (
 )
 from denoc_ros.model.payloads import WHERE, carrying_links, read_payload, with_payloads
 from denoc_ros.model.poses import number_text, rotation_rpy, rpy_of
+from denoc_ros.model.sensors import deviation_fields
 from denoc_ros.model.source import parse_xml, read_source, written
-from denoc_ros.model.tree import INERTIAL_PARTS, Tree
+from denoc_ros.model.tree import INERTIAL_SENSORS, Tree
 from denoc_ros.model.urdf import tree_of
 from denoc_ros.types import Array
 
@@ -125,7 +125,8 @@ class _Description:
                 more = tuple(SPRING_FIELDS) if name in self._springs else ()
                 self._fields[f'joint.{name}'] = joint, (*JOINT_FIELDS, *more)
         for sensor in root.iterfind('flexibility/sensor'):
-            fields = INERTIAL_FIELDS.get(sensor.get('type', ''), SENSOR_FIELDS)
+            type_ = sensor.get('type', '')
+            fields = deviation_fields(type_) if type_ in INERTIAL_SENSORS else SENSOR_FIELDS
             self._fields[f'sensor.{sensor.get("name")}'] = sensor, fields
         self.paths = [
             f'{start}.{field}' for start, (_, fields) in self._fields.items() for field in fields
@@ -250,14 +251,10 @@ def remounted_description(source: str | os.PathLike[str], sensor: str, rotation:
     where, text = read_source(source)
     root = parse_xml(where, text, whole=True)
     for element in root.findall('flexibility/sensor'):
-        if element.get('name') == sensor and element.get('type') in INERTIAL_PARTS:
-            said = rotation_rpy(_rpy(element))
-            element.set('rpy', number_text(*rpy_of(said @ rotation)))
+        if element.get('name') == sensor and element.get('type') in INERTIAL_SENSORS:
+            said = np.array([float(part) for part in element.get('rpy', '0 0 0').split()])
+            element.set('rpy', number_text(*rpy_of(rotation_rpy(said) @ rotation)))
             edited = written(root, text)
             tree_of(parse_xml(where, edited), where, edited)
             return edited
     raise ConfigError(where, [f'sensor {sensor!r} must be an IMU or accelerometer, got none'])
-
-
-def _rpy(element: Element) -> Array:
-    return np.array([float(number) for number in element.get('rpy', '0 0 0').split()])

@@ -91,9 +91,5 @@ def _beam_in_words(beam: Beam) -> str:
         return f'{beam.segments} segments per beam'
     for name, part in (('', beam.y), ('', beam.z), ('torsion', beam.torsion)):
         if part is not None and part.modes:
-            return f'{name or part.shape}, {_count(part.modes, "mode")}'
+            return f'{name or part.shape}, {part.modes} mode{"s" * (part.modes != 1)}'
     return 'rigid'
-
-
-def _count(number: int, noun: str) -> str:
-    return f'{number} {noun}' + 's' * (number != 1)

@@ -4,17 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import replace
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from denoc_ros.model.findings import Element, Findings, Reader
 from denoc_ros.model.segments import locate
 from denoc_ros.model.tree import (
-    INERTIAL_PARTS,
+    BEAM_SENSORS,
+    INERTIAL_SENSORS,
+    INERTIAL_UNITS,
     Beam,
+    BeamSensorKind,
     ComponentModes,
-    Deformation,
     InertialElement,
     Sensor,
     SensorElement,
@@ -26,7 +28,6 @@ COMMON = ('name', 'type', 'link', 'station', 'direction', 'gain', 'offset', 'noi
 ON_MESH = ('name', 'type', 'link', 'point', 'gain', 'offset', 'noise')
 # of geometry_msgs/WrenchStamped, in its order
 WRENCH_FIELDS = ('force.x', 'force.y', 'force.z', 'torque.x', 'torque.y', 'torque.z')
-OWN = {'strain_gauge': ('surface',), 'load_cell': ('component',), 'deflection': ()}
 
 
 def read_sensor(
@@ -45,16 +46,18 @@ def read_sensor(
     """
     before, name = len(findings.items), element.get('name', '')
     reader = Reader(element, f'sensor {name!r}', findings)
-    type_ = reader.choice('type', (*OWN, *INERTIAL_PARTS))
-    own = OWN.get(type_, ('surface', 'component'))
+    type_ = reader.choice('type', (*BEAM_SENSORS, *INERTIAL_SENSORS))
+    kind = BEAM_SENSORS.get(type_, BeamSensorKind('', ('surface', 'component')))
     link = element.get('link', '')
     on_mesh = link in components
     if on_mesh:
         reader.only((*ON_MESH, 'topic', 'field'))
-        if type_ not in ('strain_gauge', ''):
-            reader.fail('type', 'be strain_gauge, imu or accelerometer on a <flexible>', type_)
+        if type_ and not kind.on_mesh:
+            known = [name for name, each in BEAM_SENSORS.items() if each.on_mesh]
+            listed = ', '.join((*known, *INERTIAL_SENSORS))
+            reader.fail('type', f'be one of {listed} on a <flexible>', type_)
     else:
-        reader.only((*COMMON, *own, 'topic', 'field'))
+        reader.only((*COMMON, *kind.attributes, 'topic', 'field'))
     reader.unique_name(names)
     reader.text('link')
     if link and link not in flexible and not on_mesh:
@@ -62,16 +65,15 @@ def read_sensor(
     gain = reader.number('gain', default=1.0)
     if gain == 0.0:
         reader.fail('gain', 'not be zero', 0)
+    own = kind.attributes if type_ and not on_mesh else ()
     sensor = SensorElement(
         name,
         type_,
         link,
         0.0 if on_mesh else reader.number('station', 'm', least=0.0),
         '' if on_mesh else reader.choice('direction', ('y', 'z')),
-        reader.number('surface', 'm') if type_ == 'strain_gauge' and not on_mesh else 0.0,
-        reader.choice('component', ('moment', 'shear'))
-        if type_ == 'load_cell' and not on_mesh
-        else '',
+        reader.number('surface', 'm') if 'surface' in own else 0.0,
+        reader.choice('component', ('moment', 'shear')) if 'component' in own else '',
         gain,
         reader.number('offset', default=0.0),
         reader.number('noise', least=0.0, default=0.0),
@@ -99,13 +101,13 @@ def sensor_row(element: SensorElement, beam: Beam, station: float) -> Array:
         -EI s'' about z for a deflection along y, EI s'' about y for one along z. Force
         and moment are those on the part outboard of the station, in the segment's axes.
     """
-    deformation = _bending(element, beam)
+    deformation = beam.bending(element.direction)
     shapes, at = deformation.shapes, np.array([station])
-    if element.type == 'strain_gauge':
+    if element.quantity == 'strain':
         part = -element.surface * shapes.curvatures(at)
-    elif element.type == 'deflection':
+    elif element.quantity == 'deflection':
         part = shapes.values(at)
-    elif element.component == 'shear':
+    elif element.quantity == 'shear':
         share = at / beam.length
         part = deformation.stiffness_at(share)[:, None] * shapes.third_derivatives(at)
         slope = deformation.stiffness / beam.length * deformation.along.values(share, 1)
@@ -139,17 +141,11 @@ def deflection_row(
     """
     rows = []
     for k, beam in enumerate(beams[:segment]):
-        shapes, tip = _bending(element, beam).shapes, np.array([beam.length])
+        shapes, tip = beam.bending(element.direction).shapes, np.array([beam.length])
         value, slope = shapes.values(tip)[0], shapes.slopes(tip)[0]
         lever = (segment - 1 - k) * beam.length + station
         rows.append(_among_all(element, beam, value + lever * slope))
     return np.concatenate([*rows, sensor_row(element, beams[segment], station)])
-
-
-def _bending(element: SensorElement, beam: Beam) -> Deformation:
-    deformation = beam.y if element.direction == 'y' else beam.z
-    assert deformation is not None
-    return deformation
 
 
 def _among_all(element: SensorElement, beam: Beam, part: Array) -> Array:
@@ -165,7 +161,7 @@ def make_sensor(element: SensorElement, body: int, beams: Sequence[Beam]) -> Sen
     """Return the sensor of a beam, given the index of its first segment's body."""
     beam = beams[0]
     segment, station = locate(beam.whole_length, beam.segments, element.station)
-    if element.type == 'deflection' and segment > 0:
+    if element.quantity == 'deflection' and segment > 0:
         row = deflection_row(element, beams, segment, station)
     else:
         body, row = body + segment, sensor_row(element, beams[segment], station)
@@ -178,24 +174,32 @@ def make_strain_sensor(element: SensorElement, body: int, modes: ComponentModes)
     return Sensor(**vars(element), body=body, row=modes.link.strain[element.point].row)
 
 
-def wrench_field(sensor: Sensor, tree: Tree) -> str:
-    """Return which component of a wrench a load cell measures: its `field`, else by direction."""
-    if sensor.field in WRENCH_FIELDS:
-        return sensor.field
-    beam = tree.bodies[sensor.body].beam
-    bends_y = beam is not None and bool(np.any(sensor.row[: beam.modes[0]]))
-    if sensor.component == 'shear':
-        return 'force.y' if bends_y else 'force.z'
-    return 'torque.z' if bends_y else 'torque.y'
+def message_place(sensor: Sensor, tree: Tree) -> tuple[str, str, int]:
+    """Return where a message has a sensor's reading.
+
+    Its name, its field, and its component of a wrench: the field, else by direction.
+    """
+    wrench = sensor.field
+    if wrench not in WRENCH_FIELDS:
+        beam = tree.bodies[sensor.body].beam
+        bends_y = beam is not None and bool(np.any(sensor.row[: beam.modes[0]]))
+        if sensor.quantity == 'shear':
+            wrench = 'force.y' if bends_y else 'force.z'
+        else:
+            wrench = 'torque.z' if bends_y else 'torque.y'
+    return sensor.name, sensor.field, WRENCH_FIELDS.index(wrench)
 
 
 # IMUs and accelerometers ------------------------------------------------------------------------
 
 PLACED = ('name', 'type', 'link', 'station', 'xyz', 'rpy', 'topic')
-OF_INERTIAL = (*PLACED, 'accel_noise', 'accel_bias')
-GYRO = ('gyro_noise', 'gyro_bias')
-NOISES: dict[str, tuple[str, ...]] = {'imu': GYRO, 'accelerometer': ()}
-UNITS = {'gyro': 'rad/s', 'accel': 'm/s^2'}
+
+
+def deviation_fields(type_: str) -> tuple[str, ...]:
+    """Return the attributes of an inertial sensor that are standard deviations; of any for ''."""
+    kind = INERTIAL_SENSORS.get(type_)
+    vectors = INERTIAL_UNITS if kind is None else kind.vectors
+    return tuple(f'{vector}_{cause}' for cause in ('noise', 'bias') for vector in vectors)
 
 
 class SensorValue(NamedTuple):
@@ -206,21 +210,17 @@ class SensorValue(NamedTuple):
     noise: float
     bias: float  # of a constant that is not known
     topic: str
-    kind: Literal['beam', 'gyro', 'accel']
+    kind: str  # beam, or a vector of `INERTIAL_UNITS`
 
 
 def inertial_values(tree: Tree) -> tuple[SensorValue, ...]:
     """Return the values of a robot's inertial sensors, in file order."""
     found = []
     for sensor in tree.inertial_sensors:
-        for place, part in enumerate(sensor.parts, sensor.first):
-            name = f'{sensor.name}/{part}'
-            if part.startswith('gyro'):
-                noise, bias = sensor.gyro_noise, sensor.gyro_bias
-                found.append(SensorValue(name, place, noise, bias, sensor.topic, 'gyro'))
-            else:
-                noise, bias = sensor.accel_noise, sensor.accel_bias
-                found.append(SensorValue(name, place, noise, bias, sensor.topic, 'accel'))
+        spreads = sensor.deviations('noise').tolist(), sensor.deviations('bias').tolist()
+        for k, (part, noise, bias) in enumerate(zip(sensor.parts, *spreads, strict=True)):
+            name, vector = f'{sensor.name}/{part}', part.partition('_')[0]
+            found.append(SensorValue(name, sensor.first + k, noise, bias, sensor.topic, vector))
     return tuple(found)
 
 
@@ -241,18 +241,19 @@ def read_inertial_sensor(
     """
     before, name = len(findings.items), element.get('name', '')
     reader = Reader(element, f'sensor {name!r}', findings)
-    type_ = reader.choice('type', tuple(NOISES))
-    reader.only((*OF_INERTIAL, *NOISES.get(type_, GYRO)))
+    type_ = reader.choice('type', tuple(INERTIAL_SENSORS))
+    own = deviation_fields(type_)
+    reader.only((*PLACED, *own))
     reader.unique_name(names)
     link = reader.text('link')
     if link and link not in links:
         reader.fail('link', 'be a link of the robot', link)
     station = _read_station(reader, link, links, flexible)
     numbers = [
-        reader.number(name, UNITS[name.partition('_')[0]], least=0.0, default=0.0)
-        if name in (*OF_INERTIAL, *NOISES.get(type_, GYRO))
+        reader.number(field, INERTIAL_UNITS[field.partition('_')[0]], least=0.0, default=0.0)
+        if field in own
         else 0.0
-        for name in ('gyro_noise', 'accel_noise', 'gyro_bias', 'accel_bias')
+        for field in deviation_fields('')
     ]
     topic, origin = reader.text('topic', ''), reader.pose()
     sensor = InertialElement(name, type_, link, station, origin, topic, first, *numbers)

@@ -189,6 +189,12 @@ class Beam:
         count = [0 if part is None else part.modes for part in (self.y, self.z, self.torsion)]
         return count[0], count[1], count[2]
 
+    def bending(self, direction: str) -> Deformation:
+        """Return the bending along `y` or `z`, in which it must bend."""
+        found = self.y if direction == 'y' else self.z
+        assert found is not None
+        return found
+
     @property
     def whole_length(self) -> float:
         """Length of the link's beam, all its segments together [m]."""
@@ -335,12 +341,55 @@ class Body:
         return 0.0 if self.beam is None else (self.segment - 1) * self.beam.length
 
 
+# sensors: a new type is a row of one of two tables ----------------------------------------------
+
+
+@dataclass(frozen=True)
+class BeamSensorKind:
+    """A type of `<sensor>` on a beam."""
+
+    quantity: str  # strain | deflection | moment | shear; '' where `component` says which
+    attributes: tuple[str, ...] = ()  # beside those of all sensors on beams
+    on_mesh: bool = False  # whether it may be on a <flexible>
+
+
+@dataclass(frozen=True)
+class InertialSensorKind:
+    """A type of `<sensor>` that reads the motion of its axes."""
+
+    vectors: tuple[str, ...]  # of `INERTIAL_UNITS`, in that order
+    message: str  # type of its topic
+
+    @cached_property
+    def parts(self) -> tuple[str, ...]:
+        """Names of its values."""
+        return tuple(f'{vector}_{axis}' for vector in self.vectors for axis in 'xyz')
+
+    @cached_property
+    def columns(self) -> slice:
+        """Its values among angular rate and specific force (6,)."""
+        first = 3 * list(INERTIAL_UNITS).index(self.vectors[0])
+        return slice(first, first + 3 * len(self.vectors))
+
+
+BEAM_SENSORS = {
+    'strain_gauge': BeamSensorKind('strain', ('surface',), on_mesh=True),
+    'load_cell': BeamSensorKind('', ('component',)),
+    'deflection': BeamSensorKind('deflection'),
+}
+INERTIAL_UNITS = {'gyro': 'rad/s', 'accel': 'm/s^2'}
+INERTIAL_SENSORS = {
+    'imu': InertialSensorKind(('gyro', 'accel'), 'sensor_msgs/msg/Imu'),
+    'accelerometer': InertialSensorKind(('accel',), 'geometry_msgs/msg/AccelStamped'),
+}
+
+
 @dataclass(frozen=True)
 class SensorElement:
     """`<sensor>` of a flexible link, as the file says it."""
 
     name: str
-    type: str  # strain_gauge | load_cell | deflection
+    type: str  # of `BEAM_SENSORS`
     link: str
     station: float  # m, on the link's whole beam
     direction: str  # y | z
@@ -352,6 +401,11 @@ class SensorElement:
     topic: str
     field: str  # index or name in the message, '' if not given
     point: str  # strain point of a link with component modes
+
+    @property
+    def quantity(self) -> str:
+        """Quantity of its section that it reads: strain, deflection, moment or shear."""
+        return self.component or BEAM_SENSORS[self.type].quantity
 
 
 @dataclass(frozen=True)
@@ -367,18 +421,12 @@ class Sensor(SensorElement):
     row: Array  # (m,) d(value)/d(amplitude), in the value's unit
 
 
-INERTIAL_PARTS = {
-    'imu': ('gyro_x', 'gyro_y', 'gyro_z', 'accel_x', 'accel_y', 'accel_z'),
-    'accelerometer': ('accel_x', 'accel_y', 'accel_z'),
-}
-
-
 @dataclass(frozen=True)
 class InertialElement:
-    """`<sensor>` of an IMU or accelerometer; noise and bias are standard deviations per axis."""
+    """Inertial `<sensor>`; noise and bias are standard deviations per axis."""
 
     name: str
-    type: str  # imu | accelerometer
+    type: str  # of `INERTIAL_SENSORS`
     link: str
     station: float | None  # m, on a link with a beam
     origin: Array  # (4, 4) of its axes, seen from the section or the link frame
@@ -390,14 +438,23 @@ class InertialElement:
     accel_bias: float  # m/s^2
 
     @property
+    def kind(self) -> InertialSensorKind:
+        """Row of `INERTIAL_SENSORS`."""
+        return INERTIAL_SENSORS[self.type]
+
+    @property
     def parts(self) -> tuple[str, ...]:
         """Names of its values: six of an IMU, three of an accelerometer."""
-        return INERTIAL_PARTS[self.type]
+        return self.kind.parts
+
+    def deviations(self, cause: str) -> Array:
+        """Return the standard deviation of each of its values by `noise` or `bias`."""
+        return np.repeat([getattr(self, f'{name}_{cause}') for name in self.kind.vectors], 3)
 
 
 @dataclass(frozen=True)
 class InertialSensor(InertialElement):
-    """An IMU or accelerometer on a link."""
+    """An inertial sensor on a link."""
 
     mount: Attachment  # of its axes
 

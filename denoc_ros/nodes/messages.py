@@ -9,6 +9,7 @@ from __future__ import annotations
 import struct
 import time
 from collections.abc import Callable, Iterable, Sequence
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -25,6 +26,7 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from denoc_ros.bags.cdr import stamp_bytes, stamp_fields
 from denoc_ros.bags.definitions import exact_cdr
 from denoc_ros.bags.joint_state import IMPEDANCE
+from denoc_ros.errors import BagError
 from denoc_ros.types import Array
 
 if TYPE_CHECKING:  # it brings the dynamics, which a recorder does without
@@ -186,11 +188,11 @@ class AccelMessage(_Prebuilt):
         message.accel.linear.x = 1.2345e100
         self._raw, offsets = template(message, [1.2345e100])
         self._force: Array = np.frombuffer(self._raw, '<f8', 3, offsets[0])
-        self.write(np.zeros(3))
+        self.write(np.zeros(6))
 
     def write(self, values: Array) -> None:
-        """Write the specific force (3,)."""
-        self._force[:] = values
+        """Write the specific force out of angular rate and specific force (6,)."""
+        self._force[:] = values[3:]
 
 
 class PoseMessage(_Prebuilt):
@@ -215,6 +217,16 @@ def duration_message(seconds: float) -> DurationMessage:
     """Return a time [s] as a message."""
     whole, rest = divmod(round(1e9 * seconds), 1_000_000_000)
     return DurationMessage(sec=whole, nanosec=rest)
+
+
+def message_class(type_name: str) -> type:
+    """Return the Python class of `package/msg/Name`; BagError when it is not installed."""
+    package, _, name = type_name.partition('/msg/')
+    try:
+        found: type = getattr(import_module(f'{package}.msg'), name)
+    except (ImportError, AttributeError) as error:
+        raise BagError(f'{type_name}: message type must be installed, got: {error}') from error
+    return found
 
 
 def listeners(publisher: Any) -> Callable[[], int]:

@@ -31,9 +31,8 @@ from denoc_ros.bags.series import elapsed, read_joint_states
 from denoc_ros.errors import BagError, DenocError
 from denoc_ros.nodes.guarded_node import WithoutEvents, leave_graph
 from denoc_ros.nodes.inputs import stamp_reader
-from denoc_ros.nodes.messages import EVERY_MESSAGE, LATCHED, TrajectoryPointMessage
+from denoc_ros.nodes.messages import EVERY_MESSAGE, LATCHED, TrajectoryPointMessage, message_class
 from denoc_ros.nodes.middleware import release_buffers, use_sockets
-from denoc_ros.nodes.recorder import message_class
 from denoc_ros.nodes.simulated_time import TimeSource
 from denoc_ros.runtime.ending import SIGNALS, Interrupted
 from denoc_ros.types import Array

@@ -8,7 +8,6 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
-from importlib import import_module
 from operator import itemgetter
 from pathlib import Path
 from typing import Any
@@ -24,7 +23,7 @@ from denoc_ros.errors import BagError
 from denoc_ros.model.source import complete_text
 from denoc_ros.nodes.base import DenocNode
 from denoc_ros.nodes.inputs import arrived, subscribe_aside
-from denoc_ros.nodes.messages import LATCHED
+from denoc_ros.nodes.messages import LATCHED, message_class
 from denoc_ros.nodes.process import leave, run
 from denoc_ros.nodes.simulated_time import CLOCK_TOPIC, ClockInput, TickProgress
 from denoc_ros.runtime.input_monitor import Gaps
@@ -375,16 +374,6 @@ class Recorder(DenocNode):
                 self.get_logger().error(now.failure)
             self._told_failure = True
         return [status]
-
-
-def message_class(type_name: str) -> type:
-    """Return the Python class of `package/msg/Name`; BagError when it is not installed."""
-    package, _, name = type_name.partition('/msg/')
-    try:
-        found: type = getattr(import_module(f'{package}.msg'), name)
-    except (ImportError, AttributeError) as error:
-        raise BagError(f'{type_name}: message type must be installed, got: {error}') from error
-    return found
 
 
 def matching(offers: Sequence[Any]) -> QoSProfile:

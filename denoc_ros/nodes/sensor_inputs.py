@@ -6,20 +6,19 @@ import math
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from geometry_msgs.msg import AccelStamped, WrenchStamped
+from geometry_msgs.msg import AccelStamped
 from nav_msgs.msg import Odometry
-from sensor_msgs.msg import Imu, JointState
-from std_msgs.msg import Float64, Float64MultiArray
+from sensor_msgs.msg import Imu
 
-from denoc_ros.bags.joint_state import JointStateLayout
+from denoc_ros.bags.sensor_messages import READERS
 from denoc_ros.dynamics.base_motion import BaseMotion
 from denoc_ros.estimation.base_track import BaseTrack
 from denoc_ros.estimation.clock import StampClock
-from denoc_ros.model.sensors import WRENCH_FIELDS, wrench_field
+from denoc_ros.model.sensors import message_place
 from denoc_ros.model.tree import InertialSensor, Sensor, Tree
+from denoc_ros.nodes.messages import message_class
 from denoc_ros.nodes.robot_node import RobotNode
 from denoc_ros.runtime.conversions import (
     BaseLimits,
@@ -35,108 +34,8 @@ from denoc_ros.types import Array
 
 SEARCH_PERIOD = 0.5  # s between looks for topics that have appeared
 QUEUE = 1024  # values kept for a late tick
-Reading = tuple[int, tuple[float, ...]]  # stamp [ns], raw values
-Reader = Callable[[bytes, Any, str], Reading]
-
-
-def read_float(raw: bytes, _sensor: Sensor, _wrench_field: str) -> Reading:
-    """Return stamp [ns], 0 as it has none, and raw value of a Float64."""
-    return 0, (MessageReader(raw).float64(),)
-
-
-def read_array(raw: bytes, sensor: Sensor, _wrench_field: str) -> Reading:
-    """Return stamp [ns], 0 as it has none, and the sensor's element of a Float64MultiArray."""
-    reader = MessageReader(raw)
-    labels = []
-    for _ in range(reader.count()):
-        labels.append(reader.string())
-        reader.uint32()
-        reader.uint32()
-    reader.uint32()
-    values = reader.doubles()
-    field = sensor.field or '0'
-    names = labels[0].split(',') if labels else []
-    if field in names:
-        place = names.index(field)
-    elif field.isdecimal():
-        place = int(field)
-    else:
-        raise InputError('missing_field', f'layout must label an element {field!r}, got {names}')
-    if place >= len(values):
-        raise InputError('wrong_length', f'data must have element {place}, got {len(values)}')
-    return 0, (float(values[place]),)
-
-
-class JointStateValues:
-    """Reads the JointState messages of a topic, whose sensors ask one after the other."""
-
-    def __init__(self) -> None:
-        self._raw = b''
-        self._layout: JointStateLayout | None = None
-        self._stamp_ns = 0
-        self._position, self._effort = list[float](), list[float]()
-
-    def __call__(self, raw: bytes, sensor: Sensor, _wrench_field: str) -> Reading:
-        """Return stamp [ns] and the position, effort where it has none, under a sensor's name."""
-        layout = self._layout
-        if layout is None or raw is not self._raw:
-            layout = self._read(raw)
-        names, wanted = layout.names, sensor.field or sensor.name
-        if wanted not in names:
-            raise InputError('missing_field', f'name must contain {wanted!r}, got {list(names)}')
-        place, position = names.index(wanted), self._position
-        # joint_state_broadcaster writes NaN where there is no such interface
-        has_position = place < len(position) and not math.isnan(position[place])
-        values = position if has_position or not self._effort else self._effort
-        if place >= len(values):
-            raise InputError('wrong_length', f'position must have {len(names)} elements')
-        return self._stamp_ns, (values[place],)
-
-    def _read(self, raw: bytes) -> JointStateLayout:
-        layout = self._layout
-        if layout is None or not layout.fits(raw):
-            layout = JointStateLayout.of(MessageReader(raw))
-        position, _, effort = layout.values(raw)
-        self._position, self._effort = position.tolist(), effort.tolist()
-        self._raw, self._layout, self._stamp_ns = raw, layout, layout.stamp_ns(raw)
-        return layout
-
-
-def read_wrench(raw: bytes, _sensor: Sensor, wrench_field: str) -> Reading:
-    """Return stamp [ns] and the component that the load cell measures of a WrenchStamped."""
-    reader = MessageReader(raw)
-    stamp_ns = reader.stamp_ns()
-    reader.string()
-    values = [reader.float64() for _ in WRENCH_FIELDS]
-    return stamp_ns, (values[WRENCH_FIELDS.index(wrench_field)],)
-
-
-def read_imu_values(raw: bytes, _sensor: InertialSensor, _wrench_field: str) -> Reading:
-    """Return stamp [ns], angular rate and specific force of an Imu."""
-    stamp_ns, rate, force = read_imu(raw)
-    return stamp_ns, (*rate.tolist(), *force.tolist())
-
-
-def read_accelerometer(raw: bytes, _sensor: InertialSensor, _wrench_field: str) -> Reading:
-    """Return stamp [ns] and specific force of an AccelStamped."""
-    stamp_ns, acceleration = read_accel(raw)
-    return stamp_ns, tuple(acceleration[:3].tolist())
-
-
-# message types, and how the messages of a topic are read
-READERS: dict[str, tuple[type, Callable[[], Reader]]] = {
-    'std_msgs/msg/Float64': (Float64, lambda: read_float),
-    'std_msgs/msg/Float64MultiArray': (Float64MultiArray, lambda: read_array),
-    'sensor_msgs/msg/JointState': (JointState, JointStateValues),
-    'geometry_msgs/msg/WrenchStamped': (WrenchStamped, lambda: read_wrench),
-}
-# of inertial sensors, by what they are
-INERTIAL_READERS: dict[str, dict[str, tuple[type, Callable[[], Reader]]]] = {
-    'imu': {'sensor_msgs/msg/Imu': (Imu, lambda: read_imu_values)},
-    'accelerometer': {
-        'geometry_msgs/msg/AccelStamped': (AccelStamped, lambda: read_accelerometer)
-    },
-}
+# of a message stamp [ns] and raw values, for a sensor of its topic
+Reader = Callable[[bytes, 'Member'], tuple[int, list[float]]]
 
 
 @dataclass(frozen=True)
@@ -148,14 +47,50 @@ class Member:
     # of the inertial ones, in file order
     first: int
     place: int = -1  # of a sensor on a beam among those with a topic; -1: it is inertial
-    wrench_field: str = ''  # component of a wrench that it measures
+    where: tuple[str, str, int] = ('', '', 0)  # a message has its reading
 
     @property
-    def readers(self) -> dict[str, tuple[type, Callable[[], Reader]]]:
+    def types(self) -> tuple[str, ...]:
         """Message types that it may come as."""
-        if isinstance(self.sensor, InertialSensor):
-            return INERTIAL_READERS[self.sensor.type]
-        return READERS
+        sensor = self.sensor
+        return (sensor.kind.message,) if isinstance(sensor, InertialSensor) else tuple(READERS)
+
+
+def _imu(raw: bytes) -> tuple[int, Array]:
+    stamp_ns, rate, force = read_imu(raw)
+    return stamp_ns, np.concatenate((rate, force))
+
+
+def _accel(raw: bytes) -> tuple[int, Array]:
+    stamp_ns, acceleration = read_accel(raw)
+    return stamp_ns, np.concatenate((np.zeros(3), acceleration[:3]))
+
+
+# stamp [ns], angular rate and specific force (6,) of a message
+INERTIAL_READERS: dict[str, Callable[[bytes], tuple[int, Array]]] = {
+    'sensor_msgs/msg/Imu': _imu,
+    'geometry_msgs/msg/AccelStamped': _accel,
+}
+
+
+def reader_of(type_name: str) -> Reader:
+    """Return a reader of the messages of a topic."""
+    if type_name in READERS:
+        read = READERS[type_name]()
+
+        def beam(raw: bytes, member: Member) -> tuple[int, list[float]]:
+            stamp_ns, value = read(MessageReader, raw, member.where)
+            return stamp_ns, [value]
+
+        return beam
+    read_motion = INERTIAL_READERS[type_name]
+
+    def inertial(raw: bytes, member: Member) -> tuple[int, list[float]]:
+        assert isinstance(member.sensor, InertialSensor)
+        stamp_ns, values = read_motion(raw)
+        return stamp_ns, values[member.sensor.kind.columns].tolist()
+
+    return inertial
 
 
 class SensorInputs:
@@ -207,7 +142,7 @@ class SensorInputs:
             self.queue.clear()
             self.values, self._tare = np.full(len(chosen), np.nan), np.zeros(len(chosen))
         found = [
-            Member(sensor, tree_place, place, wrench_field(sensor, tree))
+            Member(sensor, tree_place, place, message_place(sensor, tree))
             for place, (tree_place, sensor) in enumerate(zip(chosen, self.sensors, strict=True))
         ]
         first = len(tree.sensors)
@@ -227,13 +162,13 @@ class SensorInputs:
         for topic, types in self._node.get_topic_names_and_types():
             if topic not in self._members or topic in self._subscribed:
                 continue
-            readers = self._members[topic][0].readers
-            known = [name for name in types if name in readers]
+            allowed = self._members[topic][0].types
+            known = [name for name in types if name in allowed]
             if known:
                 self._subscribe(topic, known[0])
             elif topic not in self._refused:
                 self._refused.add(topic)
-                wanted = ', '.join(readers)
+                wanted = ', '.join(allowed)
                 self._node.get_logger().error(
                     f'sensor topic {topic}: type must be one of {wanted}, got {types}'
                 )
@@ -248,15 +183,14 @@ class SensorInputs:
 
     def _subscribe(self, topic: str, type_name: str) -> None:
         self._subscribed.add(topic)
-        message_type, reader = self._members[topic][0].readers[type_name]
-        read, clock = reader(), StampClock()
+        read, clock = reader_of(type_name), StampClock()
 
         def handle(raw: bytes, now: float) -> None:
             known = self._members.get(topic, [])  # of a changed model it may be another sensor's
-            members = [each for each in known if type_name in each.readers]
+            members = [each for each in known if type_name in each.types]
             self._take(raw, now, read, members, monitor, clock)
 
-        monitor = self._node.listen_in_loop(message_type, topic, handle)
+        monitor = self._node.listen_in_loop(message_class(type_name), topic, handle)
 
     def _take(
         self,
@@ -267,7 +201,7 @@ class SensorInputs:
         monitor: InputMonitor,
         clock: StampClock,
     ) -> None:
-        read = [read_value(raw, each.sensor, each.wrench_field) for each in members]
+        read = [read_value(raw, each) for each in members]
         for member, (_, values) in zip(members, read, strict=True):
             if not all(map(math.isfinite, values)):
                 name = member.sensor.name
@@ -277,7 +211,7 @@ class SensorInputs:
         taken = clock.taken_at(1e-9 * stamp_ns, now, 1e-9 * self._node.stamp_ns_at(now))
         for member, (_, values) in zip(members, read, strict=True):
             if isinstance(member.sensor, Sensor):
-                values = (self._calibrated(member.sensor, member.place, values[0]),)
+                values = [self._calibrated(member.sensor, member.place, values[0])]
             for place, value in enumerate(values, member.first):
                 self.queue.append((place, taken, value))
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
-from geometry_msgs.msg import AccelStamped
-from sensor_msgs.msg import Imu, JointState
+from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray
 
 from denoc_ros.bags.joint_state import JointStateMessage
@@ -17,6 +18,7 @@ from denoc_ros.nodes.messages import (
     CommandMessage,
     FloatMessage,
     ImuMessage,
+    message_class,
     raw_publish,
 )
 from denoc_ros.types import Array
@@ -135,30 +137,35 @@ class _Output:
         noisy: bool,
         generator: np.random.Generator,
     ) -> None:
-        count = len(sensor.parts)
-        self._part = slice(sensor.first, sensor.first + count)
-        gyro, accel = (sensor.gyro_noise, sensor.accel_noise) if noisy else (0.0, 0.0)
-        self._deviation = _per_axis(gyro, accel, count)
-        bias = _per_axis(sensor.gyro_bias, sensor.accel_bias, count)
-        self._bias = bias * generator.standard_normal(count) if noisy else np.zeros(count)
+        count, kind = len(sensor.parts), sensor.kind
+        self._part, self._columns = slice(sensor.first, sensor.first + count), kind.columns
+        self._motion = np.zeros(6)
+        self._deviation, self._bias = np.zeros((2, count))
         self._is_noisy = noisy
-        kind: type = Imu
-        self._message: ImuMessage | AccelMessage
-        if sensor.type == 'imu':
-            self._message = ImuMessage(sensor.name, gyro, accel)
-        else:
-            self._message, kind = AccelMessage(sensor.name), AccelStamped
-        self._publish = raw_publish(node.create_publisher(kind, sensor.topic, STATE))
+        if noisy:
+            self._deviation = sensor.deviations('noise')
+            self._bias = sensor.deviations('bias') * generator.standard_normal(count)
+        self._message = INERTIAL_MESSAGES[kind.message](sensor, noisy)
+        publisher = node.create_publisher(message_class(kind.message), sensor.topic, STATE)
+        self._publish = raw_publish(publisher)
 
     def send(self, stamp_ns: int, values: Array, generator: np.random.Generator) -> None:
         """Publish this sensor's part of all values, with bias and noise."""
         reading = values[self._part] + self._bias
         if self._is_noisy:
             reading += self._deviation * generator.standard_normal(len(reading))
-        self._message.write(reading)
+        self._motion[self._columns] = reading
+        self._message.write(self._motion)
         self._publish(self._message.bytes(stamp_ns))
 
 
-def _per_axis(gyro: float, accel: float, count: int) -> Array:
-    """Return a number for each value: rates first, of which an accelerometer has none."""
-    return np.array([gyro] * (count - 3) + [accel] * 3)
+def _imu(sensor: InertialSensor, noisy: bool) -> ImuMessage:
+    gyro, accel = (sensor.gyro_noise, sensor.accel_noise) if noisy else (0.0, 0.0)
+    return ImuMessage(sensor.name, gyro, accel)
+
+
+# by the type of its topic: a sensor's message, and whether it has noise
+INERTIAL_MESSAGES: dict[str, Callable[[InertialSensor, bool], ImuMessage | AccelMessage]] = {
+    'sensor_msgs/msg/Imu': _imu,
+    'geometry_msgs/msg/AccelStamped': lambda sensor, _noisy: AccelMessage(sensor.name),
+}

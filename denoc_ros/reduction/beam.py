@@ -20,7 +20,7 @@ from denoc_ros.errors import ModelError
 from denoc_ros.model.along import CONSTANT, Along
 from denoc_ros.model.beam_sections import SAME_STATION
 from denoc_ros.model.cross_sections import AXES, CENTRED, SectionAxes
-from denoc_ros.model.flexibility import BeamElement, DeformationElement
+from denoc_ros.model.flexibility import BeamElement
 from denoc_ros.model.inertia import inverse_transform, moved
 from denoc_ros.model.link_file import LinkFrame
 from denoc_ros.model.shapes import merged_edges
@@ -87,7 +87,10 @@ class BeamSections:
                 rule = f"{name} must be > 0 {unit}, given or by the link's <inertial>"
                 findings.append(f'{rule}, got {value}')
         ModelError.raise_any(whose, findings)
-        y, z, torsion = (_profile(part) for part in parts.values())
+        y, z, torsion = (
+            (np.nan, CONSTANT) if part is None else (part.stiffness, part.along)
+            for part in parts.values()
+        )
         return cls(
             element.length,
             y,
@@ -120,10 +123,6 @@ class BeamSections:
         ):
             found = merged_edges(found, along.breaks)
         return found
-
-
-def _profile(part: DeformationElement | None) -> tuple[float, Along]:
-    return (np.nan, CONSTANT) if part is None else (part.stiffness, part.along)
 
 
 @dataclass(frozen=True)

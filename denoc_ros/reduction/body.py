@@ -194,8 +194,9 @@ def patches_of(
         chosen, radius = choose(name, origin)
         if not _holds(nodes[chosen]):
             rule = f'{whose} must have nodes around it that are no line'
+            place = ', '.join(f'{value:.4g}' for value in origin)
             findings.append(
-                f'{rule}, got {len(chosen)} within {radius:.3g} m of {_place(origin)}: give a '
+                f'{rule}, got {len(chosen)} within {radius:.3g} m of ({place}): give a '
                 'larger radius or a finer mesh, or check units and poses'
             )
             continue
@@ -237,7 +238,3 @@ def _holds(points: Array) -> bool:
         return False
     sizes = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
     return bool(sizes[1] > PARALLEL * sizes[0])
-
-
-def _place(point: Array) -> str:
-    return f'({", ".join(f"{value:.4g}" for value in point)})'

@@ -95,7 +95,7 @@ def _beam_of(
     for sensor in block.sensors:
         if sensor.link != link:
             continue
-        if sensor.type != 'strain_gauge':
+        if sensor.quantity != 'strain':
             rule = f'sensor {sensor.name!r} must be a strain gauge to stay with a reduced beam'
             findings.add(f'link {link!r}', f'{rule}, got {sensor.type}')
         section = _section(beam, sensor.station, principal=True)

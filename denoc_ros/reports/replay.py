@@ -214,13 +214,14 @@ def _deflection(replay: Replay, summary: Summary) -> PageSection | None:
     shown = _shown(replay)
     if not shown:
         return None
+    topics = [*(topic for topic in replay.deflection_traces if topic != 'replay'), 'replay']
     panels = [
         Panel(
             name,
             deflection_unit(name),
             [
                 Curve(topic.strip('/'), colour, *replay.deflection_traces[topic].curve(name), dash)
-                for topic, (colour, dash) in zip(_topics(replay), DEFLECTION_LOOKS, strict=False)
+                for topic, (colour, dash) in zip(topics, DEFLECTION_LOOKS, strict=False)
             ],
         )
         for name in shown
@@ -244,11 +245,6 @@ def _deflection(replay: Replay, summary: Summary) -> PageSection | None:
         [line_figure(panels)],
         [PageTable(head, rows, title='deflection')] if rows else [],
     )
-
-
-def _topics(replay: Replay) -> list[str]:
-    """Return the topics of deflections, the replay's own last: it is drawn on top."""
-    return [*(topic for topic in replay.deflection_traces if topic != 'replay'), 'replay']
 
 
 def _shown(replay: Replay) -> list[str]:

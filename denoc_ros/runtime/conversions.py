@@ -50,9 +50,9 @@ LARGEST = 1e6  # m/s, rad/s, and per s: more is no base's motion
 class MessageReader(CdrReader):
     """Reader of an incoming message's CDR; a fault is an `InputError`."""
 
-    def fail(self, rule: str) -> NoReturn:
+    def fail(self, rule: str, cause: str = 'malformed') -> NoReturn:
         """Refuse the message."""
-        raise InputError('malformed', rule)
+        raise InputError(cause, rule)
 
     def names(self) -> list[str]:
         """Read the joint names of a message; too many are refused before they are read."""

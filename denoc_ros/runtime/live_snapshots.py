@@ -211,7 +211,8 @@ class LiveSnapshots:
         if not fresh:
             return None
         state = self._states[fresh[0]]
-        torque = self._torques(now) or self._measured(fresh)
+        measured = next((self._states[t].torque for t in fresh if self._states[t].torque), {})
+        torque = self._torques(now) or measured
         channels: dict[str, float] = {}
         for topic in fresh:
             channels.update(self._bends(topic))
@@ -228,10 +229,8 @@ class LiveSnapshots:
         """
         modal = any(s.bent and self._is_fresh(t, now) for t, s in self._states.items())
         known = modal and self._is_fresh(self._torque, now)
-        return [t for t in self.topics if not (known and t in self._states and self._plain(t))]
-
-    def _plain(self, topic: str) -> bool:
-        return self._states[topic].heard and not self._states[topic].bent
+        plain = {t for t, state in self._states.items() if state.heard and not state.bent}
+        return [topic for topic in self.topics if not (known and topic in plain)]
 
     def _is_fresh(self, topic: str, now: float) -> bool:
         return now - self._heard.get(topic, -np.inf) < self._timeout
@@ -242,10 +241,6 @@ class LiveSnapshots:
             return {}
         said = self._values[self._torque].effort
         return {name: each for name, each in said.items() if name in self._torque_channels}
-
-    def _measured(self, fresh: Sequence[str]) -> dict[str, float]:
-        """Return the torque of the first topic that has one."""
-        return next((self._states[t].torque for t in fresh if self._states[t].torque), {})
 
     def _bends(self, topic: str) -> dict[str, float]:
         state = self._states[topic]

@@ -48,7 +48,7 @@ def make_thread_timely(priority: int, core: int = -1) -> dict[str, str]:
     return {
         'timer_slack': _timer_slack(),
         'cpu_affinity': _affinity(core),
-        'thread_priority': _priority(priority),
+        'thread_priority': schedule_thread(priority) if priority > 0 else OFF,
     }
 
 
@@ -132,10 +132,6 @@ def _affinity(core: int) -> str:
     except OSError as error:
         return f'{REFUSED}: core {core}, {error.strerror}'
     return f'taken: core {core}'
-
-
-def _priority(priority: int) -> str:
-    return schedule_thread(priority) if priority > 0 else OFF
 
 
 def schedule_thread(priority: int) -> str:

@@ -12,7 +12,7 @@ from denoc_ros.dynamics.floating_base import ATTITUDE
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.rotations import left_jacobians, rotation_vectors, rotations
 from denoc_ros.errors import ConfigError, StateError
-from denoc_ros.model.mjcf import SEGMENTS, Mjcf, mjcf
+from denoc_ros.model.mjcf import INERTIAL_TAGS, SEGMENTS, Mjcf, mjcf
 from denoc_ros.model.segments import whole_beams
 from denoc_ros.model.source import parse_xml, read_source
 from denoc_ros.model.tree import Tree
@@ -327,8 +327,8 @@ class MujocoRobot:
         tree = self.robot.tree
         values = np.zeros(len(tree.sensor_names))
         for sensor in tree.inertial_sensors:
-            kinds = ('gyro', 'accelerometer') if sensor.type == 'imu' else ('accelerometer',)
-            parts = [self.data.sensor(f'{sensor.name}/{kind}').data for kind in kinds]
+            names = [f'{sensor.name}/{INERTIAL_TAGS[each]}' for each in sensor.kind.vectors]
+            parts = [self.data.sensor(name).data for name in names]
             values[sensor.first : sensor.first + len(sensor.parts)] = np.concatenate(parts)
         return values
 

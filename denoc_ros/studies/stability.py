@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Iterator, Mapping
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -216,9 +215,9 @@ def _cards(study: Study) -> list[Card]:
     ]
 
 
-def _curves(study: Study, values: Callable[[Measures], Array]) -> list[Curve]:
+def _curves(study: Study, values: Callable[..., Array], *joint: int) -> list[Curve]:
     return [
-        Curve(label, colour, study.runs[name].trace.t, values(study.runs[name]), dashed)
+        Curve(label, colour, study.runs[name].trace.t, values(study.runs[name], *joint), dashed)
         for name, (label, colour, dashed) in LOOKS.items()
     ]
 
@@ -232,20 +231,11 @@ def _joint_panels(
 ) -> Figure:
     panels = []
     for k, (name, one) in enumerate(zip(study.joint_names, study.joint_units, strict=True)):
-        curves = _curves(study, partial(_column, values, k))
+        curves = _curves(study, values, k)
         if truth is not None:
             curves.insert(0, Curve('solution', TRUTH_COLOUR, study.solution.t, truth[:, k]))
         panels.append(Panel(name, unit.format(one), curves, log_y=log))
     return line_figure(panels)
-
-
-def _column(values: Callable[[Measures, int], Array], k: int, one: Measures) -> Array:
-    return values(one, k)
-
-
-def _visible(size: Array) -> Array:
-    """Return sizes that a logarithmic axis can show."""
-    return np.asarray(np.maximum(size, SMALLEST))
 
 
 def _deviation(study: Study) -> PageSection:
@@ -268,7 +258,11 @@ def _deviation(study: Study) -> PageSection:
         f'How far each joint is from the solution: {right}. Accepted up to '
         f'{ACCEPTED_DEVIATION:g} rad or m. Where the curves lie on each other, the error is the '
         "integrator's.",
-        [_joint_panels(study, '{}', lambda one, k: _visible(one.deviation[:, k]), log=True)],
+        [
+            _joint_panels(
+                study, '{}', lambda one, k: np.maximum(one.deviation[:, k], SMALLEST), log=True
+            )
+        ],
         [PageTable(head, rows)],
     )
 

@@ -140,7 +140,9 @@ class Page:
         self._check(run[0])
         with self._lock:
             self._close_panel()
-            playback = Playback(self.server.gui, run, self._show_recorded, self._watched)
+            playback = Playback(
+                self.server.gui, run, self._show_recorded, lambda: self.clients > 0
+            )
             chosen = np.linspace(0, len(run) - 1, FACED).astype(int)
             self._view.face(np.array([run[int(k)].q for k in chosen]))
             names = list(run[0].channels)
@@ -222,9 +224,6 @@ class Page:
         as_states('q', moment.q, self._view.robot.n)
         if not np.isfinite(moment.q).all():
             raise StateError('page: coordinates must be finite, got some that are not')
-
-    def _watched(self) -> bool:
-        return self.clients > 0
 
     def _show_recorded(self, moment: Snapshot) -> None:
         with self._lock:

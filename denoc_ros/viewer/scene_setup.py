@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -101,7 +100,8 @@ class SceneSetup:
         seen = self.camera.project(every)
         self.low, self.high = seen.min(axis=0), seen.max(axis=0)
         more = states[:: max(1, len(states) // STRAINS_LOOKED_AT)]
-        self.strain = max((_largest(self._bending.strains(q)) for q in more), default=0.0)
+        strains = [strain for q in more for strain in self._bending.strains(q)]
+        self.strain = max((float(np.abs(each).max(initial=0.0)) for each in strains), default=0.0)
 
     @property
     def flexible(self) -> bool:
@@ -178,10 +178,6 @@ def _strongest(strains: Array) -> Array:
     """Return the strain (f,) of largest magnitude of each triangle's corners (f, 3)."""
     corner = np.argmax(np.abs(strains), axis=1)
     return np.asarray(strains[np.arange(len(strains)), corner])
-
-
-def _largest(strains: Sequence[Array]) -> float:
-    return max((float(np.abs(strain).max(initial=0.0)) for strain in strains), default=0.0)
 
 
 def _side(corners: Array) -> float:

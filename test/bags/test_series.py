@@ -9,7 +9,8 @@ import pytest
 
 from denoc_ros.bags.run import read_run
 from denoc_ros.bags.series import (
-    INERTIAL_NUMBERS,
+    ODOMETRY_NUMBERS,
+    POSE_NUMBERS,
     Series,
     joint_state_blocks,
     read_joint_states,
@@ -86,5 +87,7 @@ def test_all_topics_of_a_run_have_one_origin(bag: Path) -> None:
 
 
 def test_numbers_of_a_topic_of_another_type_are_refused(bag: Path) -> None:
-    with pytest.raises(BagError, match=r'must be sensor_msgs/msg/Imu or .* got sensor_msgs'):
-        read_numbers(bag, 'joint_states', INERTIAL_NUMBERS)
+    with pytest.raises(
+        BagError, match=r'must be geometry_msgs/msg/.* or nav_msgs.* got sensor_msgs'
+    ):
+        read_numbers(bag, 'joint_states', POSE_NUMBERS | ODOMETRY_NUMBERS)

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import struct
-from types import SimpleNamespace
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,17 +12,22 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
+from small_robots import ARM
 from std_msgs.msg import Float64, Float64MultiArray, MultiArrayDimension
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from denoc_ros.bags.joint_state import JointStateMessage
+from denoc_ros.bags.sensor_messages import JointStateValues
+from denoc_ros.dynamics.robot import load_robot
+from denoc_ros.model import tree as sensor_types
 from denoc_ros.nodes.messages import (
     CommandMessage,
     FloatMessage,
+    ImuMessage,
     PoseMessage,
     TrajectoryPointMessage,
 )
-from denoc_ros.nodes.sensor_inputs import JointStateValues
+from denoc_ros.nodes.sensor_inputs import Member, reader_of
 from denoc_ros.runtime.conversions import CommandReader, JointStateReader, MessageReader
 from denoc_ros.runtime.input_monitor import InputError
 from denoc_ros.runtime.trajectory_messages import has_many_points, read_trajectory
@@ -121,17 +125,30 @@ def test_velocity_or_effort_of_nan_counts_as_none() -> None:
 
 
 def test_a_sensor_in_a_joint_state_is_read_as_effort_where_it_has_no_position() -> None:
-    sensor = SimpleNamespace(name='cell', field='')
     message = JointState(name=['a', 'cell'], position=[1.0, float('nan')], effort=[2.0, 3.0])
 
     def value() -> float:
-        return JointStateValues()(serialize_message(message), cast(Any, sensor), '')[1][0]
+        return JointStateValues()(MessageReader, serialize_message(message), ('cell', '', 0))[1]
 
     assert value() == 3.0
     message.position = [1.0, 5.0]
     assert value() == 5.0
     message.position, message.effort = [1.0, float('nan')], []
     assert np.isnan(value())
+
+
+def test_sensor_of_a_new_type_takes_its_part_of_a_message(monkeypatch: pytest.MonkeyPatch) -> None:
+    gyroscope = sensor_types.InertialSensorKind(('gyro',), 'sensor_msgs/msg/Imu')
+    monkeypatch.setitem(sensor_types.INERTIAL_SENSORS, 'gyroscope', gyroscope)
+    robot = load_robot(
+        ARM.replace('<sensor', '<sensor name="g" type="gyroscope" link="tool"/><sensor', 1)
+    )
+    (sensor,) = robot.tree.inertial_sensors
+    message = ImuMessage('g', 0.0, 0.0)
+    message.write(np.arange(6.0))
+    member = Member(sensor, 0)
+    assert member.types == ('sensor_msgs/msg/Imu',)
+    assert reader_of(*member.types)(message.bytes(7), member) == (7, [0.0, 1.0, 2.0])
 
 
 def test_big_endian_is_read_too() -> None:

@@ -325,9 +325,8 @@ def channel_noise(
     """
     sensors = {sensor.name: sensor.noise for sensor in robot.tree.sensors}
     for each in robot.tree.inertial_sensors:
-        own = {'gyro': each.gyro_noise, 'accel': each.accel_noise}
-        for kind in sorted({part.partition('_')[0] for part in each.parts}):
-            sensors[f'{each.name}.{kind}'] = own[kind] or np.inf
+        for vector in sorted(each.kind.vectors):
+            sensors[f'{each.name}.{vector}'] = getattr(each, f'{vector}_noise') or np.inf
     names = list(joints)
     known = ['effort', *(f'effort.{joint}' for joint in names), *sensors]
     findings = [

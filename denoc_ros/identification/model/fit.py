@@ -319,7 +319,7 @@ def _spreads(robot: Robot, recordings: Sequence[Recording]) -> dict[str, float]:
     gains = {sensor.name: abs(sensor.gain) for sensor in robot.tree.sensors}
     found: dict[str, float] = {}
     for recording in recordings:
-        for name, spread in reading_spreads(recording).items():
+        for name, spread in reading_spreads(recording, robot.tree).items():
             found[name] = max(found.get(name, 0.0), gains.get(name, 1.0) * spread)
     return found
 

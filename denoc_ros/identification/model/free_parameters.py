@@ -26,7 +26,7 @@ from denoc_ros.model.inertia import difference, inverse_transform, moved, pseudo
 from denoc_ros.model.link_side import motors_behind
 from denoc_ros.model.numbers import match, some_of, values_of
 from denoc_ros.model.payloads import carrying_links, payloads_of
-from denoc_ros.model.tree import Body, RigidInertia
+from denoc_ros.model.tree import INERTIAL_UNITS, Body, RigidInertia
 from denoc_ros.types import Array
 
 SMALL_RATIO = 0.01  # what a damping ratio that is 0 changes by
@@ -158,7 +158,7 @@ def unit_of(path: str) -> str:
         return 'rad' if rest.rpartition('.')[2] in ('rx', 'ry', 'rz') else 'm'
     if kind == 'sensor':
         part = rest.rpartition('.')[2].partition('_')[0]
-        return {'gyro': 'rad/s', 'accel': 'm/s^2'}.get(part, '')
+        return INERTIAL_UNITS.get(part, '')
     return {'delay': 's', 'effort': 'N m or N', 'payload': 'm'}.get(kind, '')
 
 

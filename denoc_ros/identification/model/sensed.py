@@ -16,9 +16,9 @@ from denoc_ros.dynamics.robot import Robot
 from denoc_ros.identification.model.free_parameters import POSE_PARTS, SearchPoint
 from denoc_ros.identification.model.robust import without_spikes
 from denoc_ros.identification.model.sources import Recording
+from denoc_ros.model.tree import INERTIAL_UNITS
 from denoc_ros.types import Array
 
-UNITS = {'gyro': 'rad/s', 'accel': 'm/s^2'}
 # of stamps to the low-pass over them, and the rows that count
 Thinned = Callable[[Array], tuple[scipy.sparse.csr_array, NDArray[np.int64]]]
 
@@ -103,7 +103,7 @@ class SensedChannels:
         rows = rows[(stamps[rows] >= span[0]) & (stamps[rows] <= span[1])]
         passed = (passing @ without_spikes(raw))[rows]
         for part, column in zip(parts, passed.T, strict=True):
-            unit = UNITS[part.partition('_')[0]]
+            unit = INERTIAL_UNITS[part.partition('_')[0]]
             self.channels.append(_signal(f'{name}/{part}', unit, stamps[rows], column))
 
     def _add_pose(self, frame: str, stamps: Array, poses: Array) -> None:

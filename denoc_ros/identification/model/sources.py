@@ -13,10 +13,10 @@ from scipy.signal import cont2discrete, lfilter, lfilter_zi
 from denoc_ros.bags.joint_table import RecordedWindow, joints_of_table, require_rows
 from denoc_ros.bags.reader import bag_topics
 from denoc_ros.bags.series import (
-    INERTIAL_NUMBERS,
     POSE_NUMBERS,
     JointSeries,
     elapsed,
+    inertial_numbers,
     read_joint_states,
     read_numbers,
     read_readings,
@@ -25,7 +25,8 @@ from denoc_ros.bags.series import (
 from denoc_ros.bags.tables import Table, is_table, read_table
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import BagError, IdentificationError
-from denoc_ros.model.tree import INERTIAL_PARTS
+from denoc_ros.model.sensors import message_place
+from denoc_ros.model.tree import INERTIAL_SENSORS, Tree
 from denoc_ros.settings import setting
 from denoc_ros.types import Array, Stamps
 
@@ -105,22 +106,20 @@ class Recording:
                 )
 
 
-PARTS = {len(parts): parts for parts in INERTIAL_PARTS.values()}
-
-
-def reading_spreads(recording: Recording) -> dict[str, float]:
+def reading_spreads(recording: Recording, tree: Tree) -> dict[str, float]:
     """Return by how much raw readings vary, by the name of each of a sensor's values."""
     found = {}
-    for name, (_, raw) in recording.sensors.items():
-        columns = (raw[:, None] if raw.ndim == 1 else raw).T
-        parts = [''] if raw.ndim == 1 else [f'/{part}' for part in PARTS[raw.shape[1]]]
-        for part, column in zip(parts, columns, strict=True):
-            found[f'{name}{part}'] = float(np.std(column)) if len(column) else 0.0
+    parts = {s.name: [f'{s.name}/{part}' for part in s.parts] for s in tree.inertial_sensors}
+    for sensor, (_, raw) in recording.sensors.items():
+        names = [sensor] if raw.ndim == 1 else parts[sensor]
+        for name, column in zip(names, np.atleast_2d(raw.T), strict=True):
+            found[name] = float(np.std(column)) if len(column) else 0.0
     return found
 
 
 def _shapes(count: int) -> list[tuple[int, ...]]:
-    return [(count,), *((count, parts) for parts in sorted(PARTS))]
+    sizes = {len(kind.parts) for kind in INERTIAL_SENSORS.values()}
+    return [(count,), *((count, size) for size in sorted(sizes))]
 
 
 @dataclass(frozen=True)
@@ -221,18 +220,13 @@ def _sensors(path: str | Path, robot: Robot, origin_ns: int) -> Readings:
     for sensor in robot.tree.sensors:
         if not sensor.topic or resolved(sensor.topic, topics) not in topics:
             continue
-        stamp_ns, raw = read_readings(path, sensor.topic, sensor.name, sensor.field)
+        stamp_ns, raw = read_readings(path, sensor.topic, message_place(sensor, robot.tree))
         t, values = _on_clock(stamp_ns, raw[:, None], origin_ns)
         found[sensor.name] = (t, values[:, 0])
     for inertial in robot.tree.inertial_sensors:
         if inertial.topic and resolved(inertial.topic, topics) in topics:
-            stamp_ns, values = read_numbers(path, inertial.topic, INERTIAL_NUMBERS)
-            count = len(inertial.parts)
-            if values.shape[1:] != (count,):
-                raise IdentificationError(
-                    f'{path}: {inertial.topic} must have the {count} values of sensor '
-                    f'{inertial.name!r}, got {values.shape[1:]}'
-                )
+            numbers = inertial_numbers(inertial.kind.message, inertial.kind.vectors)
+            stamp_ns, values = read_numbers(path, inertial.topic, numbers)
             found[inertial.name] = _on_clock(stamp_ns, values, origin_ns)
     return found
 

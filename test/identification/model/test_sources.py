@@ -106,6 +106,26 @@ def test_columns_of_a_table_become_joints_and_sensors(rig: dn.Robot, tmp_path: P
     assert len(whole.sensors['strain_2'][0]) == len(whole.t) - 1  # without the NaN
 
 
+def test_load_cell_reads_its_component_of_wrenches_in_a_bag(tmp_path: Path) -> None:
+    cell = (
+        '<sensor name="cell" type="load_cell" link="link_2" station="0.1" direction="y"'
+        ' component="moment" topic="wrench"/></flexibility>'
+    )
+    text = (ROBOTS / 'two_flexible_links.urdf').read_text()
+    rig = dn.load_robot(text.replace('</flexibility>', cell), gravity=(0, 0, 0))
+    encoder = JointStateMessage(list(rig.joint_names), ['position'])
+    with BagWriter(tmp_path / 'run.mcap') as bag:
+        bag.add_topic('/joint_states', JOINT_STATE)
+        bag.add_topic('/wrench', 'geometry_msgs/msg/WrenchStamped')
+        for k in range(60):
+            stamp = 10**7 * (k + 1)
+            bag.write('/joint_states', stamp, encoder.encode(stamp, np.full(2, 0.01 * k)))
+            torque = {'x': 1.0, 'y': 2.0, 'z': 0.5 * k}
+            bag.write_message('/wrench', stamp, wrench={'torque': torque})
+    t, raw = read_source(tmp_path / 'run.mcap', rig).sensors['cell']
+    np.testing.assert_allclose(raw, 50.0 * t, atol=1e-9)
+
+
 def test_joints_of_a_bag_are_renamed(rig: dn.Robot, tmp_path: Path) -> None:
     encoder = JointStateMessage(['arm_1', 'arm_2'], ['position'])
     with BagWriter(tmp_path / 'run.mcap') as bag:
