@@ -60,7 +60,9 @@ SCALE = 0.1  # error of a sensor's scale that must have shown until it is heard 
 # s over which deviations are averaged that show errors by what the robot makes of them: their
 # noise would show some, too
 AVERAGED = 0.1
-WALK = 0.01  # standard deviation of what an error changes within a second
+# standard deviation of what an error changes within a second: with more, seconds later it is
+# forgotten by how much beams of other shapes turn, and they swing after the stop
+WALK = 0.003
 
 
 @dataclass(frozen=True)
