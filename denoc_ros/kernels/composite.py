@@ -196,7 +196,7 @@ def joint_column(topology, constants, work, i, size, out):
     carrier_entries(topology, constants, work, i, f, n, j, size, out)
 
 
-@inlined
+@shared
 def modal_column(topology, constants, work, i, column, size, out):
     """Write the column of one of body i's modes."""
     own = 6 + at(topology, i, at_.MODES)
