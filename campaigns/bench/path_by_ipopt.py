@@ -19,7 +19,7 @@ from scipy.interpolate import make_interp_spline
 import denoc_ros as dn
 from denoc_ros.control.limit_rows import LimitRows, motion_limits
 
-BENT = np.array([[0.3, 0.6], [0.8, 1.1]])
+FIRST, LAST = np.array([0.3, 0.6]), np.array([0.8, 1.1])
 # curvature at most; a straight arm that bends could not reach its path
 PROBLEMS = {'path': np.inf, 'path_strain': 0.06}
 TIMES = np.linspace(0.0, 1.0, 201)
@@ -37,7 +37,7 @@ def compare(name: str) -> None:
     plan = dn.shape_motion(
         robot,
         TIMES,
-        cycloid(*BENT, 1.0)(TIMES),
+        cycloid(FIRST, LAST, 1.0)(TIMES),
         time='minimum',
         turn=0.0,
         effort=efforts,
@@ -55,7 +55,7 @@ def compare(name: str) -> None:
     share = cycloid(np.zeros(1), np.ones(1), 1.0)(plan.passed)
     known = make_interp_spline(plan.t, np.concatenate([plan.q, share], axis=1), k=3)
     windows = plan.preaction, plan.postaction
-    problem = PathBeams(TWO, *BENT, EFFORT, 2 * TWO.links, curvature, windows=windows)
+    problem = PathBeams(TWO, FIRST, LAST, EFFORT, 2 * TWO.links, curvature, windows=windows)
     for mesh in MESHES:
         try:
             least, place = problem.along(known, plan.stretch, mesh)
@@ -69,7 +69,7 @@ def compare(name: str) -> None:
         exact = dn.shape_motion(
             robot,
             times,
-            BENT[0] + way * (BENT[1] - BENT[0]),
+            FIRST + way * (LAST - FIRST),
             turn=0.0,
             effort=np.inf,
             velocity=np.inf,

@@ -123,8 +123,10 @@ def test_limits_that_are_passed_between_nodes_are_made_narrower_once(
     arm = dn.load_robot(ROBOTS / 'two_link_ff.urdf', gravity=(0, 0, 0))
     arm = arm.with_overrides({f'joint.{name}.armature': 0.5 for name in arm.joint_names})
     way = cycloid(np.array([0.3, 0.6]), np.array([0.8, 1.1]), 1.0)(0.1 * TIMES)
-    limits = {'effort': np.array([100.0, 40.0]), 'moment': 60.0}
-    plan = dn.shape_motion(arm, 0.1 * TIMES, way, time='minimum', turn=0.0, **limits)
+    effort = np.array([100.0, 40.0])
+    plan = dn.shape_motion(
+        arm, 0.1 * TIMES, way, time='minimum', turn=0.0, effort=effort, moment=60.0
+    )
     assert len(beyond) == 1
     assert plan.limits is not None
     assert max(plan.limits.largest.values()) <= 1.001
