@@ -2,7 +2,7 @@
 
 Both have the same model, path of the tip, torque limits and further limits, and the same time
 before and after in which the joints move while the tip stands. The peer's torques are free at its
-points, and its tip within a tolerance about the path.
+points, and the acceleration along the path; its tip is as exact as its collocation.
 """
 
 from __future__ import annotations
@@ -11,35 +11,33 @@ import sys
 import time
 
 import numpy as np
-from bench.rest_by_ipopt import EFFORT, EI, MESHES, TWO, WAY, arm_of
+from bench.rest_by_ipopt import EFFORT, EI, TWO, arm_of
 from control_runs import cycloid
 from path_by_ipopt import PathBeams
 from scipy.interpolate import make_interp_spline
 
 import denoc_ros as dn
+from denoc_ros.control.limit_rows import LimitRows, motion_limits
 
-BENT = np.array([[0.3, 0.6], [0.8, 1.1]])
-# ends and curvature; a straight arm that bends cannot reach its path
-PROBLEMS = {
-    'path': (BENT, np.inf),
-    'path_strain': (BENT, 0.06),
-    'straight': (WAY, np.inf),
-    'straight_strain': (WAY, 0.06),
-}
-TOLERANCE = 1e-4  # m, of the peer's tip
+FIRST, LAST = np.array([0.3, 0.6]), np.array([0.8, 1.1])
+# curvature at most; a straight arm that bends could not reach its path
+PROBLEMS = {'path': np.inf, 'path_strain': 0.06}
 TIMES = np.linspace(0.0, 1.0, 201)
+MESHES = 21, 35  # intervals: with fewer the peer passes its limits between its points
+FINE, STEP = 1201, 0.001  # moments of its timing, and s between the nodes of its motion
+BEYOND = 1.01
 
 
 def compare(name: str) -> None:
     """Print the least times of a problem, and the ratio."""
-    robot, (ends, curvature) = arm_of(TWO), PROBLEMS[name]
+    robot, curvature = arm_of(TWO), PROBLEMS[name]
     efforts = dict(zip(robot.joint_names, EFFORT, strict=True))
     moment = None if np.isinf(curvature) else EI * curvature
     began = time.process_time()
     plan = dn.shape_motion(
         robot,
         TIMES,
-        cycloid(ends[0], ends[1], 1.0)(TIMES),
+        cycloid(FIRST, LAST, 1.0)(TIMES),
         time='minimum',
         turn=0.0,
         effort=efforts,
@@ -57,24 +55,36 @@ def compare(name: str) -> None:
     share = cycloid(np.zeros(1), np.ones(1), 1.0)(plan.passed)
     known = make_interp_spline(plan.t, np.concatenate([plan.q, share], axis=1), k=3)
     windows = plan.preaction, plan.postaction
-    problem = PathBeams(
-        TWO,
-        ends[0],
-        ends[1],
-        EFFORT,
-        2 * TWO.links,
-        curvature,
-        windows=windows,
-        tolerance=TOLERANCE,
-    )
+    problem = PathBeams(TWO, FIRST, LAST, EFFORT, 2 * TWO.links, curvature, windows=windows)
     for mesh in MESHES:
         try:
-            least = problem.along(known, plan.stretch, mesh)
+            least, place = problem.along(known, plan.stretch, mesh)
         except RuntimeError as error:
             print(f'{name}: IPOPT, {mesh} intervals: {error}', flush=True)
             continue
         over = 100.0 * (plan.stretch / least - 1.0)
         print(f'{name}: IPOPT, {mesh} intervals: {least:.5f} s; {over:+.2f} %', flush=True)
+        times = np.linspace(0.0, least, FINE)
+        way = np.clip(place(times), 0.0, 1.0)[:, None]
+        exact = dn.shape_motion(
+            robot,
+            times,
+            FIRST + way * (LAST - FIRST),
+            turn=0.0,
+            effort=np.inf,
+            velocity=np.inf,
+            step=STEP,
+            preaction=plan.preaction,
+            postaction=plan.postaction,
+        )
+        limits = motion_limits(robot, {'effort': efforts}, {'moment': moment})
+        shares = LimitRows(robot, robot.joint_indices, (), limits).use(exact).shares.max(axis=1)
+        beyond = 1e3 * float(np.mean(shares > BEYOND) * np.ptp(exact.t))
+        print(
+            f'  between its points, with its timing: up to {shares.max():.3f} of a limit, beyond '
+            f'{BEYOND:g} of it in {beyond:.0f} ms',
+            flush=True,
+        )
 
 
 if __name__ == '__main__':

@@ -29,6 +29,7 @@ GOOD, POOR = 0.7, 0.2  # share of a predicted gain that is found
 NEARBY = 0.3  # of a limit: rows that a program looks at first
 CUTS = 6  # programs, each with the rows that the one before exceeds
 AGAIN = 8  # times that limits are made narrower where a finer plan is beyond them
+FURTHER = 1.2  # times what it is beyond them, so that once is enough
 TIGHTEN = 4  # rounds each time
 SLOWER = 8  # times that a motion is made slower where that is not enough
 WITHIN = 1e-3  # share beyond a limit that a plan may be
@@ -380,7 +381,8 @@ def kept(
             # between the moments of the search: there the limits are made narrower, until it has
             # something to mend
             for _ in range(AGAIN if again < AGAIN else 0):
-                rows.narrow(places, np.where(np.abs(shares) > 1.0, np.abs(shares), 0.0))
+                over = FURTHER * (np.abs(shares) - 1.0)
+                rows.narrow(places, np.where(over > 0.0, 1.0 + over, 0.0))
                 if excess(problem.solve(found.coefficients, None)) > NEAR:
                     narrowed = search(problem, found.coefficients, _quiet, stopped, TIGHTEN)
                     break

@@ -109,6 +109,29 @@ def test_torques_of_a_short_motion_hold_at_the_ticks_of_a_loop() -> None:
     assert (np.abs(torque).max(axis=0) <= 1.001 * effort).all()
 
 
+def test_limits_that_are_passed_between_nodes_are_made_narrower_once(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    beyond: list[float] = []
+    narrow = LimitRows.narrow
+
+    def count(rows: LimitRows, where: Array, shares: Array) -> None:
+        beyond.append(float(shares.max()))
+        narrow(rows, where, shares)
+
+    monkeypatch.setattr(LimitRows, 'narrow', count)
+    arm = dn.load_robot(ROBOTS / 'two_link_ff.urdf', gravity=(0, 0, 0))
+    arm = arm.with_overrides({f'joint.{name}.armature': 0.5 for name in arm.joint_names})
+    way = cycloid(np.array([0.3, 0.6]), np.array([0.8, 1.1]), 1.0)(0.1 * TIMES)
+    effort = np.array([100.0, 40.0])
+    plan = dn.shape_motion(
+        arm, 0.1 * TIMES, way, time='minimum', turn=0.0, effort=effort, moment=60.0
+    )
+    assert len(beyond) == 1
+    assert plan.limits is not None
+    assert max(plan.limits.largest.values()) <= 1.001
+
+
 def test_steps_near_singular_postures_settle_quickly() -> None:
     """Elastic turns that a wrist can hardly make are left, not followed to and fro."""
     arm = dn.load_robot(ROBOTS / 'ssrms.urdf', gravity=(0, 0, 0))
