@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from functools import cached_property
 from typing import Any, TypeVar
 
@@ -320,6 +321,25 @@ class RobotModel:
             raise StateError(f'base must be one motion, got {motion.rows} rows')
         self._base = motion
         self._workspace.move_base(*(motion or AT_REST).for_kernels())
+
+    @contextmanager
+    def on_base(self: Held, base: Base | None) -> Iterator[Held]:
+        """Let the base move for every verb of a `with` block; then the motion before goes on.
+
+        A verb's own `base` goes before it. Parameters and errors are those of `move_base`; rows of
+        motions, one for each row of the states, are for the verbs' `base` alone.
+
+        Yields
+        ------
+        Robot
+            This one.
+        """
+        before = self._base
+        self.move_base(base)
+        try:
+            yield self
+        finally:
+            self.move_base(before)
 
     def copy(self: Held) -> Held:
         """Return a copy with the same payloads and base motion, and its own workspace."""

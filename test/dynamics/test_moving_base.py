@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -259,3 +260,33 @@ def test_a_wrong_base_is_refused(arm: Case, base: Any, message: str) -> None:
 def test_live_motion_is_one_motion(arm: Case) -> None:
     with pytest.raises(StateError, match='base must be one motion, got 2 rows'):
         arm.robot.move_base((np.zeros((2, 6)), np.zeros(6)))
+
+
+def test_a_base_moves_for_every_verb_of_a_block(case: Case) -> None:
+    robot, state = case.robot, (case.q, case.qd, case.qdd)
+    rested = robot.inverse_dynamics(*state)
+    other = (np.ones(6), np.zeros(6))
+    with robot.on_base(case.base) as moved:
+        assert moved is robot
+        verbs: list[tuple[Any, tuple[Array, ...]]] = [
+            (robot.inverse_dynamics, state),
+            (robot.forward_dynamics, (case.q, case.qd, case.tau)),
+            (robot.energy, state[:2]),
+        ]
+        for verb, given in verbs:
+            np.testing.assert_array_equal(verb(*given), verb(*given, base=case.base))
+        with suppress(ZeroDivisionError), robot.on_base(other):
+            inner = robot.inverse_dynamics(*state)
+            raise ZeroDivisionError
+        np.testing.assert_array_equal(
+            robot.inverse_dynamics(*state), robot.inverse_dynamics(*state, base=case.base)
+        )
+    np.testing.assert_array_equal(inner, robot.inverse_dynamics(*state, base=other))
+    np.testing.assert_array_equal(robot.inverse_dynamics(*state), rested)
+    rows = (np.zeros((2, 6)), np.zeros((2, 6)))
+    with (
+        pytest.raises(StateError, match='base must be one motion, got 2 rows'),
+        robot.on_base(rows),
+    ):
+        pass
+    assert robot.base_motion is None
