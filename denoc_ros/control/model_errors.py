@@ -51,9 +51,10 @@ KEPT, APART = 3, 0.1  # estimates of the past that are kept, and the time betwee
 RECENT = 0.15  # s of innovations in which a sensor that contradicts the others shows
 EVERY = 0.004  # s between such tests
 DECIDES = 0.03  # s from when sensors contradict each other until one is found to be faulty
-# chi-squared of an offset of one sensor's values: beyond it the sensor is faulty, within it the
-# sensor agrees
-FAULTY, AGREES = 40.0, 9.0
+# chi-squared of an offset of one sensor's values: beyond it sensors contradict each other (healthy
+# ones had at most 3 with beams of other shapes, stiffness and load), the sensor is faulty; within
+# it a faulty one agrees again
+SUSPECTED, FAULTY, AGREES = 8.0, 40.0, 9.0
 CLEAR = 18.0  # chi-squared by which it is more likely to be faulty than any other
 CLIP = 4.0  # standard deviations by which one value counts, and more if that before it did
 SCALE = 0.1  # error of a sensor's scale that must have shown until it is heard again
@@ -253,7 +254,8 @@ class ErrorEstimate:
     constant for a while. That shifts the second estimate and its innovations, too, but otherwise
     than errors of the model. Over a short past the innovations are fitted by the errors and the
     offset of each sensor in turn. A sensor is faulty whose offset explains much that no errors
-    do, and more than that of any other sensor; until that is clear, nothing is learned. For each
+    do, and more than that of any other sensor; from the first doubt until that is clear, nothing
+    is learned and the estimate is not believed. For each
     sensor an estimate runs along that has not heard it, and goes on in place of the second one if
     the sensor is faulty. The sensor agrees again when it has been near that estimate for as long
     as an error of its scale by `SCALE` takes to show.
@@ -472,7 +474,7 @@ class ErrorEstimate:
         self._explained *= fading
         squares[self.faulty] = 0.0
         worst = int(np.argmax(squares))
-        contradicts = bool(squares[worst] > FAULTY)
+        contradicts = bool(squares[worst] > SUSPECTED)
         if contradicts and not self.suspected and now >= self._settled:
             # an offset that begins now does otherwise than one that the estimate has followed
             self._shift[:] = 0.0
@@ -482,7 +484,8 @@ class ErrorEstimate:
         if self.suspected and now < self._suspected_at + DECIDES:
             return False
         self.suspected = contradicts
-        found = self.suspected and bool((np.delete(squares, worst) < squares[worst] - CLEAR).all())
+        clear = (np.delete(squares, worst) < squares[worst] - CLEAR).all()
+        found = bool(squares[worst] > FAULTY and clear)
         if found:
             self.faulty[worst], self._agreed[worst], self._mean[worst] = True, 0.0, offsets[worst]
             self._bank[:] = self._bank[:, worst, None].copy()

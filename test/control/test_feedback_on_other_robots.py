@@ -354,6 +354,7 @@ def test_gauge_that_sticks_where_strain_changes_sign_teaches_nothing_wrong() -> 
         stuck.append(value)
         return stuck[0]
 
-    # its neighbours are blamed as well, and the joints alone remain
+    # its neighbours are blamed as well, and the joints alone remain: 5.6 mm; 8.7 mm where the
+    # estimate is believed until a sensor is clearly faulty, 20 mm where learning goes on
     loop.wrong = wrong
-    assert loop.run(7.0).error[3500:].max() < 0.01  # where learning went on, 20 mm
+    assert loop.run(7.0).error[3500:].max() < 0.007
