@@ -84,6 +84,14 @@ class Torques:
     def following(self) -> NDArray[np.bool_]:
         return np.asarray((self.position == GOAL).all(axis=1))
 
+    def since(self, stamp: float) -> Torques:
+        """Return those that left at a stamp [s] or later: what left before may come late."""
+        rows = self.stamp >= stamp
+        return Torques(
+            self.arrival[rows], self.stamp[rows], self.position[rows], self.effort[rows],
+            self.absent,
+        )  # fmt: skip
+
 
 class StageProcesses(Processes):
     """Processes that may be signalled, and started in another environment."""
