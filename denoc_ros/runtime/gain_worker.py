@@ -129,6 +129,7 @@ class GainWorker:
             if task.is_motion_of(known):
                 self._waiting = None
                 self._made = task, StateFeedback(task.model.robot, schedule, task.start)
+                break
         self.look()
 
     def look(self) -> None:
@@ -175,7 +176,8 @@ class GainWorker:
         schedule: GainSchedule | None = None
         if not answer.error:
             schedule = read_schedule(answer.header, answer.arrays, solved.job)
-            self._kept.append((solved, schedule))
+            if solved.trajectory is not None:
+                self._kept.append((solved, schedule))
         if task is None or not (task is solved or task.is_motion_of(solved)):
             return
         if not answer.header and self._tries < TRIES - 1:  # the process died or hung

@@ -20,7 +20,7 @@ from denoc_ros.control.feedback_settings import FeedbackSettings
 from denoc_ros.control.gain_jobs import read_schedule
 from denoc_ros.control.jobs import read_message, write_message
 from denoc_ros.control.planner_process import serve
-from denoc_ros.runtime.gain_worker import FeedbackModel, GainWorker, WantedGains
+from denoc_ros.runtime.gain_worker import KEPT, FeedbackModel, GainWorker, WantedGains
 from denoc_ros.trajectories import SplineTrajectory
 
 pytestmark = pytest.mark.ros  # as it waits for processes
@@ -117,6 +117,9 @@ def test_a_motion_that_comes_again_has_its_gains_at_once(worker: GainWorker) -> 
     model = arm()
     worker.begin(WantedGains(model, HERE, motion(), 5.0))
     made(worker)
+    for k in range(KEPT):  # gains about a posture push none along a motion out
+        worker.begin(WantedGains(model, HERE + 0.1 * k))
+        made(worker)
     again = WantedGains(model, HERE, motion(), 60.0)
     worker.begin(again)
     found = worker.take()
@@ -124,7 +127,7 @@ def test_a_motion_that_comes_again_has_its_gains_at_once(worker: GainWorker) -> 
     assert found[0] is again
     assert found[1] is not None
     assert found[1]._start == 60.0
-    assert (worker.designs, worker.busy) == (1, False)
+    assert (worker.designs, worker.busy) == (1 + KEPT, False)
     # another model, or another motion, has other gains
     worker.begin(WantedGains(arm(), HERE, motion(), 60.0))
     assert worker.take() is None
