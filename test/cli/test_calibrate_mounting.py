@@ -110,4 +110,4 @@ def test_what_is_missing_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[s
     assert "sensor 'box' must have a topic, got none" in capsys.readouterr().err
     robot.write_text(arm(topic='joint_states'))
     assert main(arguments(recorded, robot)) == 1
-    assert 'topic /joint_states must be sensor_msgs/msg/Imu or' in capsys.readouterr().err
+    assert 'topic /joint_states must be sensor_msgs/msg/Imu, got' in capsys.readouterr().err
