@@ -22,7 +22,8 @@ from denoc_ros.types import Array
 LIMIT = 120.0  # s for a design: a cold kernel cache compiles on a slow machine
 TRIES = 3  # of a design in a process that dies or hangs
 LOOK = 0.005  # s between looks for an answer that is waited for
-KEPT = 4  # schedules of motions that may come again
+KEPT = 4  # schedules of motions that may come again, beside that of one posture
+TURN = 0.1  # rad or m from a posture within which its gains need not be made anew
 
 
 @dataclass(frozen=True)
@@ -76,21 +77,22 @@ class WantedGains:
             and self.start == other.start
         )
 
-    def is_motion_of(self, other: WantedGains) -> bool:
-        """Say whether it asks for gains along the same motion, whenever that begins."""
+    def has_gains_of(self, other: WantedGains) -> bool:
+        """Say whether another's gains serve: the same motion at any time, or a posture near by."""
         mine, its = self.trajectory, other.trajectory
-        return (
-            self.model is other.model
-            and mine is not None
-            and its is not None
-            and all(map(np.array_equal, mine.knots(), its.knots()))
-        )
+        if self.model is not other.model:
+            return False
+        if mine is None or its is None:
+            near = np.abs(self.position - other.position).max() <= TURN
+            return mine is its and bool(near)
+        return all(map(np.array_equal, mine.knots(), its.knots()))
 
 
 class GainWorker:
     """One design at a time in a process of its own; a newer task makes an older one void.
 
-    A motion that comes again, with another start, has the gains of the last time at once.
+    A motion that comes again, with another start, has the gains of the last time at once, and so
+    has the posture of the last ones about a posture.
 
     In a thread beside the loop the design would hold the interpreter when the loop is due. All
     methods but `take` are one thread's.
@@ -115,6 +117,7 @@ class GainWorker:
         self._tries = 0
         self._made: tuple[WantedGains, StateFeedback | None] | None = None
         self._kept = deque[tuple[WantedGains, GainSchedule]](maxlen=KEPT)
+        self._kept_posture = deque[tuple[WantedGains, GainSchedule]](maxlen=1)
 
     @property
     def busy(self) -> bool:
@@ -122,11 +125,11 @@ class GainWorker:
         return self._waiting is not None or self._solving is not None
 
     def begin(self, task: WantedGains) -> None:
-        """Ask for a design; one in work counts if it is of the same motion."""
+        """Ask for a design; one in work counts if its gains serve."""
         self.task = self._waiting = task
         self._tries, self.refusal = 0, ''
-        for known, schedule in self._kept:
-            if task.is_motion_of(known):
+        for known, schedule in (*self._kept, *self._kept_posture):
+            if task.has_gains_of(known):
                 self._waiting = None
                 self._made = task, StateFeedback(task.model.robot, schedule, task.start)
                 break
@@ -176,9 +179,9 @@ class GainWorker:
         schedule: GainSchedule | None = None
         if not answer.error:
             schedule = read_schedule(answer.header, answer.arrays, solved.job)
-            if solved.trajectory is not None:
-                self._kept.append((solved, schedule))
-        if task is None or not (task is solved or task.is_motion_of(solved)):
+            kept = self._kept_posture if solved.trajectory is None else self._kept
+            kept.append((solved, schedule))
+        if task is None or not (task is solved or task.has_gains_of(solved)):
             return
         if not answer.header and self._tries < TRIES - 1:  # the process died or hung
             self._tries += 1

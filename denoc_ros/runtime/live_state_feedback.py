@@ -23,14 +23,13 @@ from denoc_ros.estimation.clock import StampClock
 from denoc_ros.kernels.compiled import ready
 from denoc_ros.model.numbers import FAMILIES
 from denoc_ros.runtime.feedforward_parameters import FEEDBACK
-from denoc_ros.runtime.gain_worker import FeedbackModel, GainWorker, WantedGains
+from denoc_ros.runtime.gain_worker import TURN, FeedbackModel, GainWorker, WantedGains
 from denoc_ros.runtime.parameters import Settings
 from denoc_ros.runtime.reference import ReferenceFollower
 from denoc_ros.runtime.status import ERROR, WARN, Status
 from denoc_ros.runtime.torque import STALE_JOINTS
 from denoc_ros.types import Array
 
-TURN = 0.1  # rad or m that a streamed reference may move before its gains are made anew
 INTERVALS = 25  # between joint states, of which the shortest counts: others may have been lost
 MOST_PERIODS = 2.5  # of the loop from a joint state to the next
 REACH = 0.3  # rad or m from where they were shown stable within which gains are used

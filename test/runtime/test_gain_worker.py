@@ -118,7 +118,7 @@ def test_a_motion_that_comes_again_has_its_gains_at_once(worker: GainWorker) -> 
     worker.begin(WantedGains(model, HERE, motion(), 5.0))
     made(worker)
     for k in range(KEPT):  # gains about a posture push none along a motion out
-        worker.begin(WantedGains(model, HERE + 0.1 * k))
+        worker.begin(WantedGains(model, HERE + 0.2 * k))
         made(worker)
     again = WantedGains(model, HERE, motion(), 60.0)
     worker.begin(again)
@@ -127,6 +127,11 @@ def test_a_motion_that_comes_again_has_its_gains_at_once(worker: GainWorker) -> 
     assert found[0] is again
     assert found[1] is not None
     assert found[1]._start == 60.0
+    assert (worker.designs, worker.busy) == (1 + KEPT, False)
+    # so has the last posture, and one near by
+    near = WantedGains(model, HERE + 0.2 * (KEPT - 1) + 0.05)
+    worker.begin(near)
+    assert made(worker) is near
     assert (worker.designs, worker.busy) == (1 + KEPT, False)
     # another model, or another motion, has other gains
     worker.begin(WantedGains(arm(), HERE, motion(), 60.0))
