@@ -115,7 +115,8 @@ class GainWorker:
         self._waiting: WantedGains | None = None
         self._solving: WantedGains | None = None
         self._tries = 0
-        self._made: tuple[WantedGains, StateFeedback | None] | None = None
+        # for the loop, whole: it takes what is there at any moment
+        self._made = deque[tuple[WantedGains, StateFeedback | None]](maxlen=1)
         self._kept = deque[tuple[WantedGains, GainSchedule]](maxlen=KEPT)
         self._kept_posture = deque[tuple[WantedGains, GainSchedule]](maxlen=1)
 
@@ -131,7 +132,7 @@ class GainWorker:
         for known, schedule in (*self._kept, *self._kept_posture):
             if task.has_gains_of(known):
                 self._waiting = None
-                self._made = task, StateFeedback(task.model.robot, schedule, task.start)
+                self._made.append((task, StateFeedback(task.model.robot, schedule, task.start)))
                 break
         self.look()
 
@@ -159,7 +160,8 @@ class GainWorker:
 
     def stop(self) -> None:
         """Drop the current design, and its result."""
-        self.task = self._made = self._waiting = None
+        self.task = self._waiting = None
+        self._made.clear()
 
     def close(self) -> None:
         """End the process."""
@@ -169,8 +171,10 @@ class GainWorker:
 
     def take(self) -> tuple[WantedGains, StateFeedback | None] | None:
         """Take the design made since the last call: None in place of refused gains."""
-        made, self._made = self._made, None
-        return made
+        try:
+            return self._made.pop()
+        except IndexError:
+            return None
 
     def _finish(self, answer: Answer) -> None:
         solved, task, self._solving = self._solving, self.task, None
@@ -187,8 +191,9 @@ class GainWorker:
             self._tries += 1
             self._waiting = task
             return
-        self._waiting, self.refusal = None, answer.error
-        self.designs += 1
-        self._made = task, None
+        feedback = None
         if schedule is not None:
-            self._made = task, StateFeedback(task.model.robot, schedule, task.start)
+            feedback = StateFeedback(task.model.robot, schedule, task.start)
+        self._waiting, self.refusal = None, answer.error
+        self._made.append((task, feedback))
+        self.designs += 1

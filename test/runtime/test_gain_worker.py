@@ -5,11 +5,13 @@ from __future__ import annotations
 import io
 import os
 import signal
+import threading
 import time
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import fields, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -20,6 +22,7 @@ from denoc_ros.control.feedback_settings import FeedbackSettings
 from denoc_ros.control.gain_jobs import read_schedule
 from denoc_ros.control.jobs import read_message, write_message
 from denoc_ros.control.planner_process import serve
+from denoc_ros.control.state_feedback import StateFeedback
 from denoc_ros.runtime.gain_worker import KEPT, FeedbackModel, GainWorker, WantedGains
 from denoc_ros.trajectories import SplineTrajectory
 
@@ -150,6 +153,34 @@ def test_a_motion_that_is_sent_again_meanwhile_gets_the_gains_in_work(worker: Ga
     assert made(worker) is tasks[-1]
     assert (worker.designs, worker.busy) == (1, False)
     assert worker.planner._job == 1
+
+
+def test_a_loop_takes_no_gains_before_they_are_whole(
+    worker: GainWorker, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def slowly(*given: Any) -> StateFeedback:
+        time.sleep(0.05)
+        return StateFeedback(*given)
+
+    monkeypatch.setattr('denoc_ros.runtime.gain_worker.StateFeedback', slowly)
+    taken, ended = [], threading.Event()
+
+    def loop() -> None:
+        while not ended.is_set():
+            if (found := worker.take()) is not None:
+                taken.append(found)
+            time.sleep(0.001)
+
+    thread = threading.Thread(target=loop)
+    thread.start()
+    try:
+        worker.begin(WantedGains(arm(), HERE))
+        worker.await_design(LONG)
+        time.sleep(0.05)
+    finally:
+        ended.set()
+        thread.join()
+    assert [feedback is not None for _, feedback in taken] == [True]
 
 
 def test_a_process_that_dies_is_started_anew_for_what_it_was_asked(worker: GainWorker) -> None:
