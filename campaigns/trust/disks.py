@@ -20,10 +20,12 @@ FLUSH = 0.2  # s
 DELIVERY = 0.3  # s from a publisher to the recorder's file on a loaded machine, beyond the flush
 NAME = 'recorder: recording'
 
-# a file size limit refuses as a full disk does, and needs no privilege
-FULL = """
+# a file size limit refuses as a full disk does, and needs no privilege; on a busy machine a chunk
+# holds what came in seconds, so that much less would leave room for none
+ROOM = 600_000  # bytes: some three seconds
+FULL = f"""
 import resource, sys
-resource.setrlimit(resource.RLIMIT_FSIZE, (60_000, 60_000))
+resource.setrlimit(resource.RLIMIT_FSIZE, ({ROOM}, {ROOM}))
 from denoc_ros.nodes.recorder import main
 sys.exit(main())
 """
@@ -49,7 +51,7 @@ class Recording:
         file = stage.folder / f'{name}.yaml'
         given = {'output': str(self.bag), 'topics': TOPICS, 'flush_period': FLUSH, **more}
         write_parameters(file, given)
-        self.begin = time.perf_counter()
+        self.begin = time.time()
         arguments = ['-c', script, '--ros-args', '--params-file', str(file)]
         stage.processes.start('recorder', arguments)
         stage.until(self._records, PATIENCE, 'recorder: all its topics')
@@ -57,26 +59,29 @@ class Recording:
     def _records(self) -> bool:
         return self.value('topics') == str(len(TOPICS)) or self.level() == 2
 
-    def values(self) -> Mapping[str, str]:
+    def statuses(self) -> list[tuple[Any, Mapping[str, str]]]:
+        """Return what it has said: the last words of a recorder before it may come late."""
         found = self.stage.statuses(NAME, self.begin)
-        return {v.key: v.value for v in found[-1].values} if found else {}
+        said = [(status, {v.key: v.value for v in status.values}) for status in found]
+        return [(status, values) for status, values in said if values.get('path') == str(self.bag)]
 
     def value(self, key: str) -> str:
-        return self.values().get(key, '')
+        found = self.statuses()
+        return found[-1][1].get(key, '') if found else ''
 
     def level(self) -> int:
-        found = self.stage.statuses(NAME, self.begin)
-        return int.from_bytes(found[-1].level, 'little') if found else 0
+        found = self.statuses()
+        return int.from_bytes(found[-1][0].level, 'little') if found else 0
 
     def said(self) -> str:
         """Return the worst that it has said on /diagnostics."""
-        found = self.stage.statuses(NAME, self.begin)
-        return str(max(found, key=lambda s: s.level).message).replace(str(self.stage.folder), '.')
+        worst, _ = max(self.statuses(), key=lambda said: said[0].level)
+        return str(worst.message).replace(str(self.stage.folder), '.')
 
     def end(self, number: int = signal.SIGTERM) -> int:
         """Send a signal; return the exit status."""
         process = self.stage.processes.signal('recorder', number)
-        self.stage.until(lambda: process.poll() is not None, 20.0, 'the end of the recorder')
+        self.stage.until(lambda: process.poll() is not None, PATIENCE, 'the end of the recorder')
         return int(process.returncode)
 
     def kept(self, path: Path) -> int:
@@ -84,7 +89,7 @@ class Recording:
 
 
 def _around(stage: Stage, outcome: Outcome, begin: float) -> None:
-    torques = stage.torques(begin, time.perf_counter())
+    torques = stage.torques(begin, time.time())
     judge_torques(outcome, torques)
     share = float(torques.following.mean())
     # a node that joins may stop the others for longer than the time-out of the joint states
@@ -93,11 +98,11 @@ def _around(stage: Stage, outcome: Outcome, begin: float) -> None:
 
 
 def full_disk(stage: Stage) -> Outcome:
-    outcome = Outcome('full disk', 'no byte beyond 60 kB in the file (RLIMIT_FSIZE)')
+    outcome = Outcome('full disk', f'no byte beyond {ROOM // 1000} kB in the file (RLIMIT_FSIZE)')
     stage.follow()
-    begin = time.perf_counter()
+    begin = time.time()
     recording = Recording(stage, 'full', FULL, compression='none')
-    stage.until(lambda: recording.level() == 2, 10.0, 'an error on /diagnostics')
+    stage.until(lambda: recording.level() == 2, PATIENCE, 'an error on /diagnostics')
     status = recording.end()
     kept = recording.kept(recording.bag)
     outcome.require(status == 0, f'exit status must be 0, got {status}')
@@ -111,9 +116,9 @@ def full_disk(stage: Stage) -> Outcome:
 def slow_disk(stage: Stage) -> Outcome:
     outcome = Outcome('slow disk', 'each write takes 0.2 s; room for 50 messages in the queue')
     stage.follow()
-    begin = time.perf_counter()
+    begin = time.time()
     recording = Recording(stage, 'slow', SLOW, queue_size=50)
-    stage.until(lambda: int(recording.value('lost') or 0) > 0, 20.0, 'losses on /diagnostics')
+    stage.until(lambda: int(recording.value('lost') or 0) > 0, PATIENCE, 'losses on /diagnostics')
     outcome.diagnostics = recording.said()
     outcome.require(recording.end() == 0, 'exit status must be 0')
     kept = recording.kept(recording.bag)
@@ -127,7 +132,7 @@ def slow_disk(stage: Stage) -> Outcome:
 def killed_recorder(stage: Stage) -> Outcome:
     outcome = Outcome('recorder killed', 'SIGKILL to the recorder, `denoc recover`')
     stage.follow()
-    begin = time.perf_counter()
+    begin = time.time()
     recording = Recording(stage, 'killed', GOOD)
     time.sleep(1.0)
     now = time.time_ns()
@@ -146,9 +151,9 @@ def killed_recorder(stage: Stage) -> Outcome:
 def short_disk(stage: Stage) -> Outcome:
     outcome = Outcome('short of room', 'less room than `min_free_space` from the start')
     stage.follow()
-    begin = time.perf_counter()
+    begin = time.time()
     recording = Recording(stage, 'short', GOOD, min_free_space=1 << 60)
-    stage.until(lambda: recording.level() == 2, 10.0, 'an error on /diagnostics')
+    stage.until(lambda: recording.level() == 2, PATIENCE, 'an error on /diagnostics')
     outcome.require(recording.end() == 0, 'exit status must be 0')
     kept = recording.kept(recording.bag)
     _around(stage, outcome, begin)

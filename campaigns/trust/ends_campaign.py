@@ -156,7 +156,7 @@ class Ends:
         if node == 'feedforward' and phase == 'working':
             self.stage.follow(PATIENCE)
             return
-        since = time.perf_counter()
+        since = time.time()
         status = f'{node}: {HEARD.get(node, "loop")}'
         self.stage.until(lambda: self.stage.heard_at(status) > since, PATIENCE, f'{status}')
 

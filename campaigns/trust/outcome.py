@@ -59,7 +59,7 @@ def judge_torques(outcome: Outcome, torques: Torques, silent: bool = False) -> N
             (change <= DELTA * ticks * (1.0 + ROUNDING) + ROUNDING).all(),
             f'torque must change by at most {DELTA} N m per tick, got {change.max():.3f}',
         )
-        pause = float(np.diff(torques.arrival).max())
+        pause = float(np.diff(torques.stamp).max())
         outcome.require(
             pause < LONGEST_PAUSE + torques.absent,
             f'torque must keep leaving, got a pause of {pause:.2f} s',
@@ -68,17 +68,17 @@ def judge_torques(outcome: Outcome, torques: Torques, silent: bool = False) -> N
 
 def torque_text(torques: Torques, begin: float, end: float) -> str:
     """Say what the torque did from a fault's begin [s] to its end, and how soon it recovered."""
-    following, arrival = torques.following, torques.arrival
-    during = (arrival >= begin) & (arrival <= end)
+    following, stamp = torques.following, torques.stamp
+    during = (stamp >= begin) & (stamp <= end)
     if not during.any():
         return 'silence'
     if following[during].all():
         return f'followed throughout ({int(during.sum())} messages)'
-    left = arrival[(arrival >= begin) & ~following]
-    text = f'safe command after {1e3 * (left[0] - begin):.0f} ms'
-    back = arrival[(arrival > left[0]) & following]
+    gone = stamp[(stamp >= begin) & ~following]
+    text = f'safe command after {1e3 * (gone[0] - begin):.0f} ms'
+    back = stamp[(stamp > gone[0]) & following]
     if len(back) and back[0] <= end:
-        return f'{text}, back after {1e3 * (back[0] - left[0]):.0f} ms'
+        return f'{text}, back after {1e3 * (back[0] - gone[0]):.0f} ms'
     if len(back):
         text += f', followed again {1e3 * (back[0] - end):.0f} ms after the end'
     return text

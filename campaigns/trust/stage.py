@@ -3,7 +3,8 @@
 The stage's own node is the robot (joint states), the planner (reference) and the witness: it keeps
 every torque and every diagnostic message that comes. Following, the arm is asked to stand at GOAL
 while it is measured at POSTURE: so each effort message says by its positions whether its torque
-is the reference's or the safe command's.
+is the reference's or the safe command's. A torque counts from its stamp: on a busy machine the
+stage hears of it later.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ import subprocess
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -48,6 +49,9 @@ FEED_PRIORITY = 30  # SCHED_FIFO where allowed, below the node's own threads
 PATIENCE = 240.0  # s for a process to come up: a busy machine may take minutes to compile kernels
 # s: a machine that pauses the stage for so long may pause its messages and the nodes as well
 OWN_PAUSE = 0.05
+LAG = 1.0  # s that a busy machine may take to bring a message
+SETTLED = 5  # torques along the reference in a row, until it counts as followed
+AGAIN = 0.2  # s until the reference is asked for again
 INPUTS = 'feedforward: inputs'  # status on /diagnostics
 PARAMETERS: dict[str, Any] = {
     'gravity': GRAVITY,
@@ -69,12 +73,11 @@ class StageError(AssertionError):
 
 @dataclass(frozen=True)
 class Torques:
-    """Effort messages in the order they came: arrival [s], stamp [s], position, effort (k, n).
+    """Effort messages in the order they came: stamp [s], position, effort (k, n).
 
     `absent` is for how long [s] the machine paused the stage meanwhile, at most.
     """
 
-    arrival: NDArray[np.float64]
     stamp: NDArray[np.float64]
     position: NDArray[np.float64]
     effort: NDArray[np.float64]
@@ -83,14 +86,6 @@ class Torques:
     @property
     def following(self) -> NDArray[np.bool_]:
         return np.asarray((self.position == GOAL).all(axis=1))
-
-    def since(self, stamp: float) -> Torques:
-        """Return those that left at a stamp [s] or later: what left before may come late."""
-        rows = self.stamp >= stamp
-        return Torques(
-            self.arrival[rows], self.stamp[rows], self.position[rows], self.effort[rows],
-            self.absent,
-        )  # fmt: skip
 
 
 class StageProcesses(Processes):
@@ -180,7 +175,7 @@ class Stage:
         make_thread_timely(FEED_PRIORITY)
         start, count = time.perf_counter(), 0
         while self._running:
-            self._fed.append(time.perf_counter())
+            self._fed.append(time.time())
             for publisher, source in ((self.states, self.robot), (self.references, self.planner)):
                 for message in source():
                     publisher.publish(message)
@@ -201,21 +196,20 @@ class Stage:
 
     def _keep_effort(self, message: Any) -> None:
         seconds = message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
-        self._torque.append(
-            (time.perf_counter(), seconds, list(message.position), list(message.effort))
-        )
+        self._torque.append((time.time(), seconds, list(message.position), list(message.effort)))
 
     def _keep_diagnostics(self, message: Any) -> None:
-        now = time.perf_counter()
+        now = time.time()
         self.diagnostics += [(now, status) for status in message.status]
 
     def torques(self, begin: float, end: float) -> Torques:
-        """Return the efforts that came between two moments [s]."""
-        rows = [row for row in list(self._torque) if begin <= row[0] <= end]
-        arrival, stamps, position, effort = zip(*rows, strict=True) if rows else ([],) * 4
+        """Return the efforts that left between two moments [s], once they have come."""
+        with suppress(StageError):
+            self.until(lambda: self._torque and self._torque[-1][1] >= end, LAG, 'later torque')
+        rows = [row[1:] for row in list(self._torque) if begin <= row[1] <= end]
+        stamps, position, effort = zip(*rows, strict=True) if rows else ([],) * 3
         shape = (len(rows), len(JOINTS))
         return Torques(
-            np.array(arrival),
             np.array(stamps),
             np.reshape(np.array(position, dtype=float), shape),
             np.reshape(np.array(effort, dtype=float), shape),
@@ -241,10 +235,20 @@ class Stage:
                 return int({v.key: v.value for v in status.values}.get(key, 0))
         return 0
 
-    def following(self) -> bool:
-        """Say whether the newest torque is fresh and along the reference."""
-        newest = self._torque[-1:]
-        return bool(newest and time.perf_counter() - newest[0][0] < 0.1 and newest[0][2] == GOAL)
+    def following(self, since: float = 0.0) -> bool:
+        """Say whether torques still come, the newest along the reference and of after `since`."""
+        newest = self._torque[-SETTLED:]
+        return (
+            len(newest) == SETTLED
+            and time.time() - newest[-1][0] < 0.1
+            and all(position == GOAL and left > since for _, left, position, _ in newest)
+        )
+
+    def is_safe(self) -> bool:
+        """Say whether the torque is no longer the reference's, once that can have been heard."""
+        with suppress(StageError):
+            self.until(lambda: not self.following(), LAG, 'the safe command')
+        return not self.following()
 
     # ---- what is done
 
@@ -279,13 +283,17 @@ class Stage:
 
     def follow(self, timeout: float = RECOVERY) -> float:
         """Ask for GOAL until it is followed; return how long that took [s]."""
-        asked = [0.0]
+        self.hold()
+        begin = asked = time.time()
 
         def asked_again() -> bool:
-            if time.perf_counter() - asked[0] > 0.2 and not self.following():
-                asked[0] = time.perf_counter()
+            nonlocal asked
+            if self.following(begin):
+                return True
+            if time.time() - asked > AGAIN:
+                asked = time.time()
                 self.hold()
-            return self.following()
+            return False
 
         return self.until(asked_again, timeout, 'following the reference')
 

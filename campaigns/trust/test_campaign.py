@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -44,7 +43,6 @@ def torques(efforts: list[list[float]], pause: float = 0.002) -> Torques:
     position = np.tile(GOAL, (len(efforts), 1))
     return Torques(
         np.multiply(pause, count),
-        np.multiply(0.002, count),
         position,
         np.array(efforts, dtype=np.float64),
         0.0,
@@ -73,15 +71,3 @@ def test_lawful_torque_breaks_none() -> None:
     judge_torques(outcome, torques([[0.0, 0.0], [4.0, -4.0], [2.0, 0.0]]))
     assert not outcome.broken
     assert POSTURE != GOAL
-
-
-def test_torque_of_an_ended_process_that_comes_late_is_no_pause_of_the_next() -> None:
-    found = torques([[1.0, 1.0]] * 4)
-    late = replace(
-        found, arrival=found.arrival + [0.0, 13.0, 13.0, 13.0], stamp=found.stamp + [0, 13, 13, 13]
-    )
-    outcome, again = Outcome('', ''), Outcome('', '')
-    judge_torques(outcome, late)
-    assert outcome.broken == ['torque must keep leaving, got a pause of 13.00 s']
-    judge_torques(again, late.since(1.0))
-    assert not again.broken
