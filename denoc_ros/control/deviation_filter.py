@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from denoc_ros.control.beginning import ASTRAY, NEAR, Beginning
 from denoc_ros.control.feedback_design import BIASES, PostureGains
 from denoc_ros.control.gain_schedule import GainSchedule
 from denoc_ros.control.model_errors import ErrorEstimate
@@ -25,7 +26,6 @@ HISTORY = 256  # periods over which values may be late
 # standard deviations of an innovation beyond which a sensor's value is refused: a tick that
 # comes late looks like many
 GATE = 20.0
-FAR = 2.0  # of a sensor's reach: beyond that it says nothing of where to start
 RESTART = 0.5  # s without belief after which the estimate starts anew from what is measured
 LARGEST = 1e3  # m or rad, and per s: no deviation is that large
 AGEING = 0.02  # weight of the newest values' age in the usual one
@@ -33,10 +33,12 @@ BRIEF = 0.06  # s of a pause that leaves no more than the gains of every period 
 UNSEEN = 0.01  # s of a pause that shows neither for an error of the model nor for a fault
 UNCLEAR = 0.6  # s after a longer one in which what it left may look like a fault of a sensor
 DOUBTED = 0.3  # of what held torque did in a pause: so far the model may be off
+WAITS = 0.5  # s in which it becomes clear where a robot is that went astray
+# m or rad of the softest beam: larger deviations, for so long [s] after it went astray, are not
+# linear; they would be learned for errors, or blamed on a sensor
+SMALL, UNTIL_SMALL = 0.03, 5.0
 BEGINS = 1.0  # s in which an estimate that begins may contradict all sensors
-# s over whose mean it begins: the noise of one value bends long beams by millimetres, and their
-# way back, half a second, would be learned for errors of the model
-FIRST = 0.06
+FIRST = 0.06  # s from one correction of where the estimate began to the next
 BLAMED = 1.0  # s after a fault was found, in which the sensor beside it may have been blamed
 REGAIN = 0.2  # s of good values until the estimate is believed again
 
@@ -118,7 +120,9 @@ class DeviationFilter:
         self._found = np.zeros(4)
         self._innovation, self._surprise = np.zeros((2, seen))
         self._good_at = np.zeros(seen)
-        self._first, self._counts = np.zeros((2, seen))  # sums of the first innovations
+        self._beginning: Beginning | None = None
+        self._small_from = -np.inf  # when deviations may be judged, however large
+        self._starts = np.inf  # when what has been measured says next where it began
         self._plan, self._own = StateHistory(HISTORY, seen), StateHistory(HISTORY, seen)
         self._slot = {int(place): 2 * self._k + at for at, place in enumerate(self._sensors)}
         self._pause: Pause | None = None
@@ -143,14 +147,27 @@ class DeviationFilter:
         self.believed, self.cause, self._fresh = False, 'no measurements yet', True
         self._doubted_at, self._age, self.blind = np.nan, np.nan, True
         self._began, self._judges_from, self._begins = np.nan, -np.inf, False
-        self._pause = None
+        self._beginning, self._pause = None, None
+        self._is_astray, self._small_from = False, -np.inf
         self.joints[:], self.joints_at = 0.0, -np.inf
         if self.errors is not None:
             self.errors.reset()
 
     def _forget(self) -> None:
-        """Forget all of the estimate but the biases: they are the sensors' own."""
+        """Forget all of the estimate but the biases: they are the sensors' own.
+
+        The robot counts as on its plan, with the errors that are known of it.
+        """
         self.state[: len(self.state) - len(self._biased)] = 0.0
+        if self.errors is not None:
+            self.state[: self._deviations] = self.errors.state(self.time)
+
+    def start_anew(self, now: float, cause: str) -> None:
+        """Begin again from what is measured after a time [s]; errors learned and faults stay."""
+        self._forget()
+        self._fresh, self._is_astray, self._begins = True, True, False
+        self._beginning = self._pause = None
+        self.believed, self.cause, self._doubted_at = False, cause, now
 
     def is_like(self, other: DeviationFilter) -> bool:
         """Say whether the estimates of both have the same parts."""
@@ -225,10 +242,8 @@ class DeviationFilter:
         if new[0]:
             self.joints_at = stamps[0]
         if self._fresh and new[0]:
-            self._begin(now)
-        if self._begins and self._pause is None:
-            self._start(now, gains)
-        elif self._pause is not None and new[0]:
+            self._begin(now, gains)
+        if self._pause is not None and new[0]:
             self._regain(gains)
         if len(self._biased):
             self._begin_biases(gains)
@@ -242,6 +257,13 @@ class DeviationFilter:
         self._judge(now, *self._found.tolist())
         for _, sample, at in groups:
             self._take(sample, at, self._good, gains)
+        if self._beginning is not None and (self.believed or now >= self._starts):
+            self._start(gains)
+            self._begins, self._starts = False, now + FIRST
+            if self._is_astray and self.errors is not None:
+                self.errors.doubt(self.time)
+            if self.believed:
+                self._beginning, self._is_astray = None, False
         if not self._has_rates:
             rates = slice(self._k, 2 * self._k)
             self.joints[rates] = gains.measured[rates] @ self.state
@@ -266,6 +288,9 @@ class DeviationFilter:
         """Correct the estimate, and its propagation since, by the innovations of a sample."""
         correction, errors = gains.correction, self.errors
         since = stamp - 0.5 * self._period
+        if self._begins:
+            self._watch(at[good[at] & (errors is None or errors.heard[at])], gains)
+            return
         if errors is not None and not self.blind:
             learns = self.believed or np.count_nonzero(errors.faulty) == 1
             time = self.time if learns and not errors.suspected else None
@@ -274,6 +299,9 @@ class DeviationFilter:
         at = at[good[at]]
         if self.blind:
             at, correction = at[at < 2 * self._k], gains.blind
+        if self._beginning is not None:
+            self._watch(at, gains)
+            self._beginning.correct(correction, gains.measured, at)
         own, seen = self._own, self._none if errors is None else errors.seen
         self._correct(
             correction, gains.measured, self._innovation, at, self.state, seen, own.times,
@@ -282,11 +310,21 @@ class DeviationFilter:
         if errors is not None and self.blind:
             errors.restart(gains, self.state)
 
+    def _watch(self, at: NDArray[np.intp], gains: PostureGains) -> None:
+        """Look at innovations for where the estimate began: a bias is what is known least."""
+        assert self._beginning is not None
+        at = at[~np.isin(at, self._biased)]
+        self._beginning.watch(gains.measured, self._innovation, gains.spread, at)
+
     def _find_faults(self, now: float, gains: PostureGains) -> None:
         """Leave out a sensor that contradicts the others, and its effect on the estimate."""
         errors = self.errors
         if errors is None or self.blind:
             return
+        if now < self._small_from:
+            away = self.state[: self._deviations] - errors.state(self.time)
+            if np.abs(away / gains.unit).max() > SMALL:
+                self._judges_from = max(self._judges_from, now + UNCLEAR)
         if now < self._judges_from:
             errors.forget_innovations()
         if not errors.find_faults(now, gains):
@@ -299,41 +337,38 @@ class DeviationFilter:
         self._innovation[self._new] -= (seen - before)[self._new]
         self._surprise[:] = self._innovation
 
-    def _begin(self, now: float) -> None:
-        """Begin to measure where to start."""
-        self._fresh, self._begins, self._began, self._judges_from = False, True, now, now + BEGINS
-        self._first[:] = self._counts[:] = 0.0
+    def _begin(self, now: float, gains: PostureGains) -> None:
+        """Begin where the joints are measured, and find out about the rest."""
+        self._fresh, self._begins, self._began = False, True, now
+        self._judges_from = max(self._judges_from, now + BEGINS)
         if self.errors is not None:
             self.errors.doubt(self.time)
+        likely = ASTRAY if self._is_astray else NEAR
+        if self._is_astray:
+            self._small_from = now + UNTIL_SMALL
+        self._starts = now + FIRST
+        self._beginning = Beginning(len(self.state), likely * gains.unit)
+        known = self._new[: 2 * self._k] & np.isfinite(gains.spread[: 2 * self._k])
+        at, unit = np.flatnonzero(known), gains.unit
+        rows = gains.measured[at, : self._deviations] * unit
+        change = np.zeros(len(self.state))
+        change[: self._deviations] = unit * (np.linalg.pinv(rows) @ self._innovation[at])
+        self._change(change, gains)
+        self._innovation -= gains.measured @ change
+        self._agree(gains)
 
-    def _start(self, now: float, gains: PostureGains) -> None:
-        """Start from the mean of the first values: a jump would look like vibration."""
-        most = FAR * gains.reach
-        most[: 2 * self._k] = np.inf
-        fits = self._new & (np.abs(self._innovation) <= most) & np.isfinite(gains.spread)
-        if self.errors is not None:
-            fits &= self.errors.heard
-        fits[self._biased] = False  # of those the bias is what is known least
-        self._first[fits] += self._innovation[fits]
-        self._counts[fits] += 1.0
-        self._innovation[fits] = 0.0
-        turning = self._biased[self._new[self._biased]]
-        if now < self._began + FIRST:
-            self._innovation[turning] = 0.0
-            self._surprise[:] = self._innovation
-            return
-        self._begins = False
-        at = np.flatnonzero(self._counts)
-        before, weights = gains.measured @ self.state, 1.0 / gains.spread[at]
-        rows = weights[:, None] * gains.measured[at, : self._deviations] * gains.unit
-        missed = weights * self._first[at] / self._counts[at]
-        self.state[: self._deviations] += gains.unit * (np.linalg.pinv(rows) @ missed)
-        change = gains.measured @ self.state - before
-        self._own.since(-np.inf)[1][:] += change
-        self._innovation[turning] -= change[turning]
+    def _start(self, gains: PostureGains) -> None:
+        """Correct where the estimate began by what has been measured since."""
+        assert self._beginning is not None
+        self._change(self._beginning.change(), gains)
         if self.errors is not None:
             self.errors.forget_deviations()
         self._agree(gains)
+
+    def _change(self, change: Array, gains: PostureGains) -> None:
+        """Change the estimate by (e,), and what it said before."""
+        self.state += change
+        self._own.since(-np.inf)[1][:] += gains.measured @ change
 
     def _agree(self, gains: PostureGains) -> None:
         """Let the estimate that learns go on from this one."""
@@ -352,6 +387,9 @@ class DeviationFilter:
         self._own.since(-np.inf)[1][:, at] += biases[first]
         self._innovation[at] -= biases[first]
         self._unbiased[first] = False
+        if self._beginning is not None:
+            places = np.flatnonzero(first) + len(self.state) - len(self._biased)
+            self._beginning.give(gains.measured[at], places)
         self._agree(gains)
 
     def doubt(self, pushed: Array, seconds: float, now: float) -> None:
@@ -410,7 +448,8 @@ class DeviationFilter:
         """Decide by `sift` whether to believe the estimate and to hear the sensors."""
         cause = ''
         if not largest < LARGEST:  # NaN is no less
-            self.state[:], self._fresh, self._unbiased[:] = 0.0, True, True
+            self.state[:], self._unbiased[:] = 0.0, True
+            self._fresh = self._is_astray = True
             cause = 'estimate out of bounds'
         elif not age <= self._timeout:
             worst = int(place) - 2 * self._k
@@ -419,8 +458,7 @@ class DeviationFilter:
         if cause:
             self.believed, self.cause, self._doubted_at = False, cause, now
             if now - self._began >= RESTART:
-                self._forget()
-                self._fresh = True
+                self.start_anew(now, cause)
         elif self.errors is not None and self.errors.faulty.any():
             first = self._names[int(np.argmax(self.errors.faulty))]
             self.cause = f'{first} contradicts the other measurements'
@@ -431,7 +469,7 @@ class DeviationFilter:
         elif not self.believed:
             if not agrees:
                 self._doubted_at = now
-            if now - self._doubted_at >= REGAIN:
+            if now - self._doubted_at >= (WAITS if self._is_astray else REGAIN):
                 self.believed, self.cause = True, ''
 
     def go_on(self, gains: PostureGains, pushes: Array) -> Array:
@@ -439,6 +477,8 @@ class DeviationFilter:
 
         Returns what these did to the deviations (2 m,).
         """
+        if self._beginning is not None:
+            self._beginning.go_on(self._transition(gains))
         if self.errors is not None:
             pushed = self.errors.go_on(gains, self.state, self.time, pushes)
             self.time += self._period
@@ -447,3 +487,7 @@ class DeviationFilter:
         self.state[:] = gains.transition @ self.state
         self.state[: len(pushed)] += pushed
         return pushed
+
+    def _transition(self, gains: PostureGains) -> Array:
+        """Return the estimate's transition (e, e) with the errors that are known."""
+        return gains.transition if self.errors is None else gains.with_errors(self.errors.used)[0]

@@ -391,7 +391,7 @@ class ErrorEstimate:
 
     def doubt(self, time: float, seconds: float = QUIET) -> None:
         """Learn nothing for a while from a time of the plan [s] on: not all was as told."""
-        self._quiet = time + seconds
+        self._quiet = max(self._quiet, time + seconds)
         self.forget_innovations()
 
     def push(self, now: float, gains: PostureGains) -> None:

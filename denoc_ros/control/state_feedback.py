@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from denoc_ros.control.deviation_filter import FILTER_KERNELS, DeviationFilter
@@ -24,6 +26,10 @@ AT_LIMIT = 3.0  # s at that limit after which the estimate is in doubt
 PARDON = 5.0  # s until it is heard again
 ROUNDING = 1e-9  # of the largest torque: a change that no limit made
 LONGEST = 0.5  # s without a tick after which the estimate starts anew
+# s over which ticks are counted, and of one pause that counts: one alone is no slow loop
+COUNTED, COUNTS = 0.05, 0.02
+SLOWEST = 2.5  # periods from tick to tick, on average, with which gains are not yet too high
+SLOW = 'the loop is too slow for its gains'
 
 
 class HandOver:
@@ -108,6 +114,9 @@ class StateFeedback:
         Of the joints' own feedback that is in: 0 while they are not measured.
     limited : int
         Ticks in which the feedback was at its own limit.
+    hold : float
+        For how long [s] drives hold a torque of the plan: a period, or less where the plan's
+        torque leaves more often than this one.
 
     Notes
     -----
@@ -115,6 +124,10 @@ class StateFeedback:
     which rest while anything is clamped: so nothing winds up. The estimate is driven by the
     clamped torque as well, and by what the plan's torque has become too small or too large by when
     it acts: after the delay, less the lead of the plan, and held for a period.
+
+    Gains of all deviations are too high for a loop whose ticks come several periods apart. While
+    it is that slow, the joints' own feedback acts alone, weaker the slower it is, with the torque
+    that the errors add.
     """
 
     def __init__(self, robot: Robot, schedule: GainSchedule, start: float = 0.0) -> None:
@@ -138,9 +151,12 @@ class StateFeedback:
         self._deviations, self._unchanged = np.zeros((2, len(schedule.gains[0].push)))
         self._torques, self._govern = map(entry, TORQUE_KERNELS)
         self.limited = 0
+        self.hold = schedule.settings.period
         self._last = -np.inf
         self._at = 0
         self._at_limit, self._heard_from, self._governs = 0.0, -np.inf, False
+        self._usual = COUNTED / schedule.settings.period  # ticks in that time
+        self._ticks, self._pace = self._usual, 1.0
 
     @property
     def share(self) -> float:
@@ -167,6 +183,7 @@ class StateFeedback:
     def reset(self) -> None:
         """Forget deviations, integrals and torques on their way."""
         self.filter.reset()
+        self._ticks, self._pace = self._usual, 1.0
         self._way[:] = self.integrals[:] = self._left[:] = 0.0
         self._own.reset()
         self._state.reset()
@@ -191,6 +208,7 @@ class StateFeedback:
             self._last, self.limited = other._last, other.limited
             self._governed_last = other._governed_last
             self._at_limit, self._heard_from = other._at_limit, other._heard_from
+            self._ticks, self._pace = other._ticks, other._pace
         return same
 
     def is_near(self, now: float, position: Array, reach: float) -> bool:
@@ -234,11 +252,14 @@ class StateFeedback:
         self.filter.correct(now, schedule.gains[self._at])
         elapsed = 0.0 if self._last == -np.inf else min(now - self._last, RAMP)
         self._last = now
+        if self._is_slow_after(elapsed):
+            self.filter.start_anew(now, SLOW)
         after = min(before + 1, len(schedule.gains) - 1)
         self._find_torques(before, after, share, time)
         asked = None
         if now - self.filter.joints_at <= schedule.settings.sensor_timeout:
             asked = self._by_joints
+            asked *= self._pace
             if self._stands_alone:
                 asked += self._changed
         np.copyto(self._torque, self._own.take(asked, elapsed))
@@ -258,6 +279,14 @@ class StateFeedback:
         np.maximum(self._torque, -self._most, out=self._torque)
         self.limited += bool((self._torque != self._asked).any())
         return self._torque
+
+    def _is_slow_after(self, elapsed: float) -> bool:
+        """Say whether ticks have been too far apart of late; then the joints' gains shrink."""
+        self._ticks = 1.0 + self._ticks * math.exp(-min(elapsed, COUNTS) / COUNTED)
+        slow = self._ticks * SLOWEST < self._usual
+        pace = self._pace - elapsed / FADE if slow else self._pace + elapsed / RAMP
+        self._pace = min(max(pace, self._ticks / self._usual), 1.0)
+        return slow
 
     def _find_torques(self, before: int, after: int, share: float, time: float) -> None:
         """Find the torques by all deviations, and by those of the joints, between two postures."""
@@ -298,7 +327,7 @@ class StateFeedback:
             return
         settings = self.schedule.settings
         if before is not None and plan is not None:
-            late = settings.delay + 0.5 * settings.period - (self._followed - now)
+            late = settings.delay + 0.5 * self.hold - (self._followed - now)
             self._behind[:] = late / max(now - self._last, settings.period) * (plan - before)
         missed = round((now - self._last) / settings.period) - 1
         if missed * settings.period > LONGEST:

@@ -5,7 +5,17 @@ from __future__ import annotations
 from functools import cache
 
 import numpy as np
-from feedback_runs import PERIOD, Loop, Outcome, Planned, canadarm, closed, tip_exact
+import pytest
+from feedback_runs import (
+    PERIOD,
+    Loop,
+    Outcome,
+    Planned,
+    canadarm,
+    closed,
+    described,
+    tip_exact,
+)
 
 from denoc_ros.control.state_feedback import FADE, RAMP, StateFeedback
 
@@ -95,6 +105,33 @@ def test_pauses_of_a_tenth_of_a_second_do_not_lose_the_robot() -> None:
     assert errors is not None
     # the load's 0.37, 0.28 without pauses; all three had run to their bound of 0.4
     np.testing.assert_allclose(errors.values, [0.11, 0.11, 0.2], atol=0.25)
+
+
+@pytest.mark.parametrize(
+    ('seconds', 'backlog', 'moving'),
+    [
+        # 3.5 mm, then 0.2; 88 and 55 mm where gains for 1 ms went on with ticks 12 ms apart
+        (1.0, 0, 0.008),
+        # 15 mm, 0.4; what was measured in a pause arrives in the three ticks after it
+        (4.0, 3, 0.04),
+    ],
+)
+def test_loop_that_is_slow_for_long_lets_go_and_takes_up_again(
+    seconds: float, backlog: int, moving: float
+) -> None:
+    planned = tip_exact(source=described())
+    loop = closed(planned, canadarm(0.9, 1.2, described(segments=8)))
+    begin, now, rng = 4.0 - 0.5 * (seconds - 1.0), 0.0, np.random.default_rng(0)
+    while now < seconds:
+        loop.away[begin + now] = rng.uniform(0.004, 0.02)
+        now += loop.away[begin + now] + rng.uniform(0.001, 0.006)
+    loop.backlog = backlog
+    run = loop.run()
+    slow = slice(round((begin + 0.3) / PERIOD), round((begin + seconds) / PERIOD))
+    assert not run.share[slow].any()
+    assert run.share[-1] == 1.0
+    assert run.rms < moving
+    assert run.after(3.0) < 0.001
 
 
 def test_feedback_comes_back_to_a_robot_that_has_drifted_meanwhile() -> None:
