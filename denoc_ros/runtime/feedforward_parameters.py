@@ -180,6 +180,15 @@ TABLE = ParameterTable(
             50.0,
             live=True,
         ),
+        parameter(
+            'feedback.rate',
+            math.inf,
+            'state feedback: how often its torque is found anew, at least; in each tick, or in '
+            'one of several, whose torque the others hold',
+            'Hz',
+            positive=True,
+            live=True,
+        ),
         *FEEDBACK.rows(),
         parameter(
             'publish_joint_trajectory',

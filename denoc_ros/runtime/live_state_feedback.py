@@ -48,6 +48,8 @@ class LiveStateFeedback:
     There is none either where joint states come more rarely than every `MOST_PERIODS` of the loop:
     drives that are told as rarely hold a torque longer than the design knows.
 
+    Ticks may come more often than `feedback.rate`: those in between hold its torque.
+
     Attributes
     ----------
     cause : str
@@ -70,6 +72,10 @@ class LiveStateFeedback:
         self._intervals = deque[float](maxlen=INTERVALS)  # s
         self._fallbacks = self._told = 0
         self._acted = False  # there was a torque by gains in the last tick
+        self._period = 0.0  # of the loop [s]
+        self._asked_at = -np.inf  # when the gains gave a torque last [s]
+        self._held: Array | None = None  # (joints,) which it was
+        self._holds = False  # whether this tick only holds it
         self.active, self.cause = False, 'no gains yet'
         self._has_rates, self._unread = True, list[str]()
 
@@ -102,10 +108,11 @@ class LiveStateFeedback:
         self._require(settings)
         ready(*FEEDBACK_KERNELS)
         index = [robot.joint_indices[robot.joint_names.index(joint)] for joint in joints]
-        period = 1.0 / settings.number('update_rate')
+        rate = settings.number('update_rate')
+        period = 1.0 / rate
         wanted = FEEDBACK.read(
             settings,
-            period=period,
+            period=period * max(1, int(rate / settings.number('feedback.rate'))),
             tip=settings.text('feedback.tip') or list(robot.tree.frames)[-1],
             delay=settings.number('feedback.delay') * period,
         )
@@ -118,7 +125,7 @@ class LiveStateFeedback:
         if patience > 0.0:
             with self._using:
                 self._try(WantedGains(model, np.array(posture[index])), patience)
-        self._model, self._unread = model, unread_values(robot.tree)
+        self._model, self._unread, self._period = model, unread_values(robot.tree), period
 
     def _try(self, task: WantedGains, patience: float) -> None:
         """Begin a design and give it some time [s]; raise StateError if it is refused."""
@@ -268,7 +275,12 @@ class LiveStateFeedback:
         if feedback is None:
             self._note('refused' if self._worker.refusal else 'no gains yet', False)
             return None
-        longest = MOST_PERIODS * feedback.schedule.settings.period
+        period = feedback.schedule.settings.period
+        self._holds = self._held is not None and now < self._asked_at + period - 0.5 * self._period
+        if self._holds:
+            return self._held
+        self._held = None
+        longest = MOST_PERIODS * self._period
         if len(self._intervals) == INTERVALS and min(self._intervals) > longest:
             feedback.rest()
             self._note(
@@ -282,9 +294,9 @@ class LiveStateFeedback:
             feedback.rest()
             self._note('no gains for this posture yet', False)
             return None
-        torque = feedback.torque(now, plan)
+        self._held, self._asked_at = feedback.torque(now, plan), now
         self._note(feedback.cause, feedback.active)
-        return torque
+        return self._held
 
     def wait(self, now: float, lead: float, wanted: Array, motion: Row, plan: Array) -> None:
         """Do all that :meth:`torque` does, but let none leave."""
@@ -294,7 +306,7 @@ class LiveStateFeedback:
     def applied(self, change: Array) -> None:
         """Take the torque (joints,) that was added to the plan's after all limits, and go on."""
         self._left = change
-        if self._now is not None:
+        if self._now is not None and not self._holds:
             self._now.applied(change)
 
     def rest(self) -> None:
@@ -305,7 +317,7 @@ class LiveStateFeedback:
             self.active = False
 
     def _forget_left(self) -> None:
-        self._left, self._fading = np.zeros(0), None
+        self._left, self._fading, self._held = np.zeros(0), None, None
 
     def _note(self, cause: str, active: bool) -> None:
         self._fallbacks += self.active and not active
@@ -329,6 +341,10 @@ class LiveStateFeedback:
         self._waiting = None
         goes_on = feedback is not None and (self._now is None or feedback.adopt(self._now))
         changed = not goes_on or self._made_for is not task.model
+        if feedback is not None:
+            feedback.hold = self._period
+        if not goes_on:
+            self._held = None
         self._now, self._made_for = feedback, task.model
         return changed
 

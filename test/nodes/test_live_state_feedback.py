@@ -274,3 +274,18 @@ def test_joints_without_rates_get_gains_of_their_own(planner: Planner) -> None:
     assert gains is not None
     assert not gains.schedule.gains[0].correction[:, 3:6].any()
     assert gains.schedule.slowest.modulus < 1.0
+
+
+def test_torque_of_a_lower_rate_is_held_and_answers_as_one_of_every_tick(
+    planner: Planner,
+) -> None:
+    def steps(rate: float) -> np.ndarray:
+        bench = Bench(planner, feedback__rate=rate)
+        bench.watch(START)
+        return np.asarray(bench.ticks(1000, START, off=1e-5))
+
+    every, second = steps(1000.0), steps(400.0)
+    changes = np.flatnonzero(np.diff(second[:, 0]))
+    assert (np.diff(changes) % 2 == 0).all()
+    assert len(changes) > 300
+    np.testing.assert_allclose(second[-1], every[-1], rtol=0.2)
