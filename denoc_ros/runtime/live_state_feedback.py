@@ -40,7 +40,7 @@ class LiveStateFeedback:
 
     Gains are made in another process (`watch`): along a trajectory when it has come, else about
     where a streamed reference is. The loop takes them between two ticks. Without gains for where
-    the reference is, there is no feedback. Neither waits for the other process.
+    reference and joints are, there is no feedback. Neither waits for the other process.
 
     What leaves changes without a jump where parameters or the model change, or gains for them are
     refused: the difference fades within `RAMP`.
@@ -69,6 +69,7 @@ class LiveStateFeedback:
         self._fades_from = -np.inf  # s of the clock of ticks
         self._stamps = StampClock()
         self._taken = -np.inf  # when the last joint state was [s]
+        self._position: Array | None = None  # (joints,) where that one was
         self._intervals = deque[float](maxlen=INTERVALS)  # s
         self._fallbacks = self._told = 0
         self._acted = False  # there was a torque by gains in the last tick
@@ -205,6 +206,7 @@ class LiveStateFeedback:
         """Start anew: nothing is known and no torque has left."""
         self._stamps.reset()
         self._intervals.clear()
+        self._position = None
         self._forget_left()
         if self._now is not None:
             self._now.reset()
@@ -226,6 +228,7 @@ class LiveStateFeedback:
         self._has_rates = qd is not None
         before, self._taken = self._taken, self._stamps.taken_at(stamp, now, wall)
         self._intervals.append(self._taken - before)
+        self._position = q
         if self._now is not None:
             self._now.filter.take_joints(self._taken, q, qd)
 
@@ -293,6 +296,12 @@ class LiveStateFeedback:
         if not feedback.is_near(now, wanted, REACH):
             feedback.rest()
             self._note('no gains for this posture yet', False)
+            return None
+        if self._position is not None and not feedback.is_near(now, self._position, REACH):
+            feedback.rest()
+            self._note(
+                f'joints must be within {REACH:g} of where the gains are, got others', False
+            )
             return None
         self._held, self._asked_at = feedback.torque(now, plan), now
         self._note(feedback.cause, feedback.active)
