@@ -65,6 +65,9 @@ class Beginning:
 
     def change(self) -> Array:
         """Return by what the estimate (e,) has to change; what follows is counted from there."""
-        deviations = np.linalg.solve(self._information, self._explained)
+        try:
+            deviations = np.linalg.solve(self._information, self._explained)
+        except np.linalg.LinAlgError:  # it grew beyond all bounds, and the estimate as well
+            return np.zeros(len(self._left))
         self._explained[:] = 0.0
         return self._left @ deviations

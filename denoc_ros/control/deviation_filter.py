@@ -257,13 +257,7 @@ class DeviationFilter:
         self._judge(now, *self._found.tolist())
         for _, sample, at in groups:
             self._take(sample, at, self._good, gains)
-        if self._beginning is not None and (self.believed or now >= self._starts):
-            self._start(gains)
-            self._begins, self._starts = False, now + FIRST
-            if self._is_astray and self.errors is not None:
-                self.errors.doubt(self.time)
-            if self.believed:
-                self._beginning, self._is_astray = None, False
+        self._find_beginning(now, gains)
         if not self._has_rates:
             rates = slice(self._k, 2 * self._k)
             self.joints[rates] = gains.measured[rates] @ self.state
@@ -357,13 +351,19 @@ class DeviationFilter:
         self._innovation -= gains.measured @ change
         self._agree(gains)
 
-    def _start(self, gains: PostureGains) -> None:
-        """Correct where the estimate began by what has been measured since."""
-        assert self._beginning is not None
+    def _find_beginning(self, now: float, gains: PostureGains) -> None:
+        """Correct where the estimate began by what has been measured since, now and then."""
+        if self._beginning is None or not (self.believed or now >= self._starts):
+            return
         self._change(self._beginning.change(), gains)
+        self._begins, self._starts = False, now + FIRST
         if self.errors is not None:
             self.errors.forget_deviations()
+            if self._is_astray:
+                self.errors.doubt(self.time)
         self._agree(gains)
+        if self.believed or now >= self._began + BEGINS:
+            self._beginning, self._is_astray = None, False
 
     def _change(self, change: Array, gains: PostureGains) -> None:
         """Change the estimate by (e,), and what it said before."""

@@ -51,7 +51,7 @@ class TorqueFeedback:
         name = node.get_fully_qualified_name()
         self._node = node
         self._strain = StrainFeedback(name)
-        self.state = LiveStateFeedback(name)
+        self.state = LiveStateFeedback(name, in_hurry=not node.clock.is_simulated)
         self._strain_robot: Robot | None = None
         self._sensors: SensorInputs | None = None
         self._plan: Array | None = None

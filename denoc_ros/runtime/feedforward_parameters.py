@@ -183,8 +183,8 @@ TABLE = ParameterTable(
         parameter(
             'feedback.rate',
             math.inf,
-            'state feedback: how often its torque is found anew, at least; in each tick, or in '
-            'one of several, whose torque the others hold',
+            'state feedback: how often its torque is found anew, at least; in each tick, or, in '
+            'real time, in one of several, whose torque the others hold',
             'Hz',
             positive=True,
             live=True,

@@ -48,7 +48,14 @@ class LiveStateFeedback:
     There is none either where joint states come more rarely than every `MOST_PERIODS` of the loop:
     drives that are told as rarely hold a torque longer than the design knows.
 
-    Ticks may come more often than `feedback.rate`: those in between hold its torque.
+    Ticks may come more often than `feedback.rate`: in a hurry, those in between hold its torque.
+
+    Parameters
+    ----------
+    name : str
+        Of the node.
+    in_hurry : bool
+        Whether ticks are held to time; those of simulated time are not.
 
     Attributes
     ----------
@@ -56,8 +63,8 @@ class LiveStateFeedback:
         Why none does, '' if one does or soon will.
     """
 
-    def __init__(self, name: str) -> None:
-        self._name = name
+    def __init__(self, name: str, in_hurry: bool = True) -> None:
+        self._name, self._in_hurry = name, in_hurry
         self._model: FeedbackModel | None = None
         self._worker = GainWorker()
         self._using = threading.Lock()  # the worker: by whoever builds, or watches
@@ -110,10 +117,12 @@ class LiveStateFeedback:
         ready(*FEEDBACK_KERNELS)
         index = [robot.joint_indices[robot.joint_names.index(joint)] for joint in joints]
         rate = settings.number('update_rate')
-        period = 1.0 / rate
+        period, held = 1.0 / rate, 1
+        if self._in_hurry:
+            held = max(1, int(rate / settings.number('feedback.rate')))
         wanted = FEEDBACK.read(
             settings,
-            period=period * max(1, int(rate / settings.number('feedback.rate'))),
+            period=held * period,
             tip=settings.text('feedback.tip') or list(robot.tree.frames)[-1],
             delay=settings.number('feedback.delay') * period,
         )
