@@ -439,6 +439,8 @@ class Session:
             later = ('predictor',)
         for name in first:
             self._reset(name)
+        if self._task.trajectory is not None:  # finding them may take longer than the lead
+            self._client.await_listeners(len(self._listeners()))
         start = self._time.now()
         if self._task.trajectory is not None:
             start += LEAD + self._shaping + self._engaging(phase)
