@@ -63,7 +63,8 @@ class Client:
 
     def __init__(self, clock: Clock, tell: Callable[[float], dict[str, str]]) -> None:
         self._clock, self._tell = clock, tell
-        self.published = 0.0
+        self.published = self.starts = 0.0
+        self.finding = 0.0  # s until the listeners are found
         self.done: list[str] = []
         self.ended = 0.0
 
@@ -84,8 +85,12 @@ class Client:
     def wait(self, seconds: float) -> None:
         self._clock.now += seconds
 
-    def publish_reference(self, *_: Any) -> None:
-        self.published = self._clock.now
+    def await_listeners(self, _: int) -> None:
+        self._clock.now += self.finding
+        self.finding = 0.0
+
+    def publish_reference(self, _motion: Any, _joints: Any, start_ns: int, *_: Any) -> None:
+        self.published, self.starts = self._clock.now, 1e-9 * start_ns
         self.done.append('reference')
 
     def trigger(self, service: str) -> None:
@@ -105,7 +110,7 @@ class Client:
 
     def ignore(self, *_: Any) -> None: ...
 
-    await_listeners = add_watch = forget = wait_active = ignore
+    add_watch = forget = wait_active = ignore
 
 
 class NoProcesses:
@@ -132,12 +137,14 @@ def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Client
         tell: Callable[[float], dict[str, str]],
         text: str = SESSION,
         joints: list[str] = JOINTS,
+        finding: float = 0.0,
     ) -> Client:
         file = tmp_path / 'session.yaml'
         file.write_text(text)
         config = load_config(file)
         task = Task(trajectory_from_config(config.reference, joints), joints, config.duration)
         client = Client(clock, tell)
+        client.finding = finding
         processes = cast(Processes, NoProcesses())
         given = cast('SessionClient', client)
         notes = SessionFile(tmp_path, {})
@@ -185,6 +192,14 @@ def test_a_reference_waits_until_the_feedforward_hears_the_plant(run: Any) -> No
     assert 3.0 < run(tell, text).published < 4.0
     deaf = run(lambda now: {'': 'stale joint_states'}, text)  # goes on, and says so
     assert deaf.published > sessions.HEARING
+
+
+def test_a_motion_begins_after_its_listeners_are_found_however_late(run: Any) -> None:
+    """In real time its beginning was over when it was published."""
+    text = SESSION.replace('shaper: {method: zvd}', 'recorder: false')
+    text = text.replace('feedforward: false', 'feedforward: {}')
+    client = run(lambda _now: {'': 'no reference yet'}, text, finding=2.0)
+    assert client.starts == pytest.approx(client.published + sessions.LEAD)
 
 
 def test_a_motion_begins_when_its_feedback_has_gains(run: Any) -> None:
