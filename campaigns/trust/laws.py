@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -34,6 +34,22 @@ class Span:
     @property
     def seconds(self) -> float:
         return 1e-9 * (self.end - self.begin)
+
+
+class Spans:
+    """Many stretches of time, looked through at once: a busy machine has very many."""
+
+    def __init__(self, spans: Iterable[Span]) -> None:
+        bounds = [(span.begin, span.end) for span in spans]
+        self._begins, self._ends = np.array(bounds, dtype=np.int64).reshape(-1, 2).T
+
+    @property
+    def seconds(self) -> NDArray[np.float64]:
+        return np.asarray(1e-9 * (self._ends - self._begins))
+
+    def meet(self, other: Span) -> NDArray[np.bool_]:
+        """Say of each whether it meets another."""
+        return np.asarray((self._begins <= other.end) & (other.begin <= self._ends))
 
 
 @dataclass

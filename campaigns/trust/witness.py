@@ -14,7 +14,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
-from trust.laws import OPEN, PERIODS, TIMER, Life, Span, TorqueLedger, unexplained
+from trust.laws import OPEN, PERIODS, TIMER, Life, Span, Spans, TorqueLedger, unexplained
 from trust.siege_scenes import Scene
 
 DEEP = QoSProfile(depth=5000, reliability=ReliabilityPolicy.RELIABLE)
@@ -155,13 +155,21 @@ class Witness:
         known = OPEN if final else min(self._measured.values()) - BEHIND
         pending, broken = self.efforts.pauses, []
         self.efforts.pauses = [pause for pause in pending if pause.end > known]
+        if len(self.efforts.pauses) == len(pending):
+            return []
+        with self._lock:
+            waits = list(self._waits)
+        excused, bare, waiting = map(Spans, (self._excused, self._bare, [w[0] for w in waits]))
+        seconds = bare.seconds
+        late = np.array([late for _, _, late in waits])
+        is_own = np.array([name == 'feedforward' for _, name, _ in waits], dtype=np.bool_)
         for pause in pending:
-            if pause.end > known or any(pause.meets(span) for span in self._excused):
+            if pause.end > known or excused.meet(pause).any():
                 continue
-            bare = max((s.seconds for s in self._bare if s.meets(pause)), default=0.0)
-            waits = [(name, s) for span, name, s in self._waits if span.meets(pause)]
-            own = max(bare, sum(s for name, s in waits if name == 'feedforward'))
-            every = max(bare, sum(s for _, s in waits))
+            longest = seconds[bare.meet(pause)].max(initial=0.0)
+            meanwhile = waiting.meet(pause)
+            own = max(longest, late[meanwhile & is_own].sum())
+            every = max(longest, late[meanwhile].sum())
             self.pauses.append((pause.seconds, own, every))
             allowed = self._most + self.efforts.lull + self._slack
             if unexplained(pause, allowed, every):
