@@ -139,6 +139,8 @@ class DeviationFilter:
 
     def reset(self) -> None:
         """Forget the deviations: the robot counts as on its plan, and that is not believed."""
+        if self.errors is not None:
+            self.errors.reset()
         self._forget()
         self._plan.clear()
         self._own.clear()
@@ -150,8 +152,6 @@ class DeviationFilter:
         self._beginning, self._pause = None, None
         self._is_astray, self._small_from = False, -np.inf
         self.joints[:], self.joints_at = 0.0, -np.inf
-        if self.errors is not None:
-            self.errors.reset()
 
     def _forget(self) -> None:
         """Forget all of the estimate but the biases: they are the sensors' own.
