@@ -41,6 +41,7 @@ if TYPE_CHECKING:  # an optional extra
 START_TIMEOUT = 300.0  # s until active: a slow and busy machine loads nodes for a minute
 STARTING = 10.0  # s that nodes take on a machine which is neither slow nor busy
 LEAD = 0.6  # s from publishing a reference to its start
+FIRST_LEAD = 2.0  # s of the first one, which took 0.85 s to listeners that had just been found
 SETTLING = 0.1  # s until what was asked for has come about
 HELD = 60.0  # s for which a robot waits at its start at most
 TAIL = 0.2  # s a phase goes on behind its reference
@@ -443,7 +444,9 @@ class Session:
             self._client.await_listeners(len(self._listeners()))
         start = self._time.now()
         if self._task.trajectory is not None:
-            start += LEAD + self._shaping + self._engaging(phase)
+            is_first = phase is self._config.phases[0] and not self._time.is_simulated
+            lead = FIRST_LEAD if is_first else LEAD
+            start += lead + self._shaping + self._engaging(phase)
             decided, taken = self._decided(), self._taken()
             start = self._publish(phase, start)
             self._time.settle(lambda: self._taken() > taken, PLANNING)

@@ -199,7 +199,7 @@ def test_a_motion_begins_after_its_listeners_are_found_however_late(run: Any) ->
     text = SESSION.replace('shaper: {method: zvd}', 'recorder: false')
     text = text.replace('feedforward: false', 'feedforward: {}')
     client = run(lambda _now: {'': 'no reference yet'}, text, finding=2.0)
-    assert client.starts == pytest.approx(client.published + sessions.LEAD)
+    assert client.starts == pytest.approx(client.published + sessions.FIRST_LEAD)
 
 
 def test_a_motion_begins_when_its_feedback_has_gains(run: Any) -> None:
