@@ -288,7 +288,8 @@ class LiveStateFeedback:
             self._note('refused' if self._worker.refusal else 'no gains yet', False)
             return None
         period = feedback.schedule.settings.period
-        self._holds = self._held is not None and now < self._asked_at + period - 0.5 * self._period
+        held = 0.0 <= now - self._asked_at < period - 0.5 * self._period
+        self._holds = held and self._held is not None
         if self._holds:
             return self._held
         self._held = None
