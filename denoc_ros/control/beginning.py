@@ -43,10 +43,8 @@ class Beginning:
         """Go on by a period; transition (e, e)."""
         self._left = transition @ self._left
 
-    def watch(
-        self, rows: Array, innovation: Array, spread: Array, at: NDArray[np.intp]
-    ) -> None:  # fmt: skip
-        """Take innovations (measured,) at places (k,) for what they show.
+    def watch(self, rows: Array, innovation: Array, spread: Array, at: NDArray[np.intp]) -> None:
+        """Take the information of innovations (measured,) at places (k,).
 
         `rows` (measured, e) and `spread` (measured,) are the filter's.
         """
@@ -64,7 +62,7 @@ class Beginning:
         self._left[places] -= rows @ self._left
 
     def change(self) -> Array:
-        """Return by what the estimate (e,) has to change; what follows is counted from there."""
+        """Return the change of the estimate (e,) by all information so far."""
         try:
             deviations = np.linalg.solve(self._information, self._explained)
         except np.linalg.LinAlgError:  # it grew beyond all bounds, and the estimate as well

@@ -163,7 +163,7 @@ class DeviationFilter:
             self.state[: self._deviations] = self.errors.state(self.time)
 
     def start_anew(self, now: float, cause: str) -> None:
-        """Begin again from what is measured after a time [s]; errors learned and faults stay."""
+        """Begin again from the measurements after a time [s]; errors learned and faults stay."""
         self._forget()
         self._fresh, self._is_astray, self._begins = True, True, False
         self._beginning = self._pause = None
@@ -305,7 +305,7 @@ class DeviationFilter:
             errors.restart(gains, self.state)
 
     def _watch(self, at: NDArray[np.intp], gains: PostureGains) -> None:
-        """Look at innovations for where the estimate began: a bias is what is known least."""
+        """Take the information of innovations of values without a bias."""
         assert self._beginning is not None
         at = at[~np.isin(at, self._biased)]
         self._beginning.watch(gains.measured, self._innovation, gains.spread, at)
@@ -324,11 +324,8 @@ class DeviationFilter:
         if not errors.find_faults(now, gains):
             return
         errors.doubt(self.time, BLAMED)
-        before = gains.measured @ self.state
-        self.state[:] = errors.estimate
-        seen = gains.measured @ self.state
-        self._own.since(-np.inf)[1][:] += seen - before
-        self._innovation[self._new] -= (seen - before)[self._new]
+        seen = self._change(errors.estimate - self.state, gains)
+        self._innovation[self._new] -= seen[self._new]
         self._surprise[:] = self._innovation
 
     def _begin(self, now: float, gains: PostureGains) -> None:
@@ -347,12 +344,11 @@ class DeviationFilter:
         rows = gains.measured[at, : self._deviations] * unit
         change = np.zeros(len(self.state))
         change[: self._deviations] = unit * (np.linalg.pinv(rows) @ self._innovation[at])
-        self._change(change, gains)
-        self._innovation -= gains.measured @ change
+        self._innovation -= self._change(change, gains)
         self._agree(gains)
 
     def _find_beginning(self, now: float, gains: PostureGains) -> None:
-        """Correct where the estimate began by what has been measured since, now and then."""
+        """Correct the beginning of the estimate by all measurements since, now and then."""
         if self._beginning is None or not (self.believed or now >= self._starts):
             return
         self._change(self._beginning.change(), gains)
@@ -365,10 +361,12 @@ class DeviationFilter:
         if self.believed or now >= self._began + BEGINS:
             self._beginning, self._is_astray = None, False
 
-    def _change(self, change: Array, gains: PostureGains) -> None:
-        """Change the estimate by (e,), and what it said before."""
+    def _change(self, change: Array, gains: PostureGains) -> Array:
+        """Change the estimate by (e,), and its history by as much; return that (measured,)."""
+        seen = gains.measured @ change
         self.state += change
-        self._own.since(-np.inf)[1][:] += gains.measured @ change
+        self._own.since(-np.inf)[1][:] += seen
+        return np.asarray(seen)
 
     def _agree(self, gains: PostureGains) -> None:
         """Let the estimate that learns go on from this one."""
