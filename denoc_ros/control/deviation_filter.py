@@ -344,7 +344,7 @@ class DeviationFilter:
         rows = gains.measured[at, : self._deviations] * unit
         change = np.zeros(len(self.state))
         change[: self._deviations] = unit * (np.linalg.pinv(rows) @ self._innovation[at])
-        self._innovation -= self._change(change, gains)
+        self._innovation[self._new] -= self._change(change, gains)[self._new]
         self._agree(gains)
 
     def _find_beginning(self, now: float, gains: PostureGains) -> None:
