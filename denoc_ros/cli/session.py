@@ -445,12 +445,14 @@ class Session:
         start = self._time.now()
         if self._task.trajectory is not None:
             is_first = phase is self._config.phases[0] and not self._time.is_simulated
-            lead = FIRST_LEAD if is_first else LEAD
-            start += lead + self._shaping + self._engaging(phase)
+            lead = LEAD + self._shaping + self._engaging(phase)
+            begin = start + lead + (FIRST_LEAD - LEAD if is_first else 0.0)
             decided, taken = self._decided(), self._taken()
-            start = self._publish(phase, start)
+            start = self._publish(phase, begin)
             self._time.settle(lambda: self._taken() > taken, PLANNING)
             self._await_plan(decided)
+            if is_first:  # held by torque alone a robot drifts: it goes back when the others do
+                self._time.go_to(begin - lead)
             self._time.pass_by(SETTLING)
         for name in later:
             self._reset(name)
