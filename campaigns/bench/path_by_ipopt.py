@@ -23,7 +23,8 @@ FIRST, LAST = np.array([0.3, 0.6]), np.array([0.8, 1.1])
 # curvature at most; a straight arm that bends could not reach its path
 PROBLEMS = {'path': np.inf, 'path_strain': 0.06}
 TIMES = np.linspace(0.0, 1.0, 201)
-MESHES = 21, 35  # intervals: with fewer the peer passes its limits between its points
+MESHES = 84, 120  # intervals: with fewer the peer passes its limits between its points
+PIECES = 56  # of our timing
 FINE, STEP = 1201, 0.001  # moments of its timing, and s between the nodes of its motion
 BEYOND = 1.01
 
@@ -39,6 +40,7 @@ def compare(name: str) -> None:
         TIMES,
         cycloid(FIRST, LAST, 1.0)(TIMES),
         time='minimum',
+        pieces=PIECES,
         turn=0.0,
         effort=efforts,
         moment=moment,

@@ -47,7 +47,7 @@ LEAST_GAIN = 1e-5  # of the duration: smaller gains are not listed
 OF_LIMITS = (
     '--tip-speed X', '--tip-acceleration X', '--power X', '--margin SHARE', '--uncertainty SHARE',
 )  # fmt: skip
-OF_TIP = ('--stretch X', '--preaction S', '--postaction S', '--turn M', '--step S')
+OF_TIP = ('--stretch X', '--preaction S', '--postaction S', '--turn M', '--step S', '--pieces N')
 OF_REST = ('--duration S', '--robustness SHARE', '--radius M')
 PLANNED = tuple(map(field_of, (*OF_LIMITS, *OF_TIP, '--modes', *OF_REST)))
 DESCRIPTION = (

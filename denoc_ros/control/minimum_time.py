@@ -323,11 +323,11 @@ def shortest_plan(
     Arguments and errors as of :func:`shortest`; `search` is it, or another with its arguments.
     """
     stopped = cancel or (lambda: False)
-    found = search(problem, first, progress or _quiet, stopped)
+    found = search(problem, first, progress or quiet, stopped)
     return checked_plan(problem, found, rows, stopped, search)
 
 
-def _quiet(_share: float) -> None:
+def quiet(_share: float) -> None:
     """Report nothing."""
 
 
@@ -384,7 +384,7 @@ def kept(
                 over = FURTHER * (np.abs(shares) - 1.0)
                 rows.narrow(places, np.where(over > 0.0, 1.0 + over, 0.0))
                 if excess(problem.solve(found.coefficients, None)) > NEAR:
-                    narrowed = search(problem, found.coefficients, _quiet, stopped, TIGHTEN)
+                    narrowed = search(problem, found.coefficients, quiet, stopped, TIGHTEN)
                     break
         if narrowed is not None and not np.array_equal(narrowed.coefficients, found.coefficients):
             found = replace(narrowed, settled=found.settled and narrowed.settled)

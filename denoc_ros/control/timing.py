@@ -11,7 +11,9 @@ from scipy.interpolate import BSpline, make_interp_spline
 
 from denoc_ros.types import Array
 
-STATIONS = 121  # of a motion
+STATIONS = 121  # of a motion, and at least
+EACH = 4  # of a piece of its splines
+LEAST = 1e-3  # of the largest: squared paces that count, and coefficients
 SLOWEST = 0.03  # of the largest speed
 DEGREE = 3  # of the splines of the squared pace: the motion has a continuous jerk
 
@@ -57,7 +59,7 @@ class TimingBasis:
         From rest with a jump of the acceleration a motion whose own acceleration is continuous
         has x as 1 / sqrt(speed): the splines are divided by the one that is nearest to its root.
         """
-        even = np.linspace(0.0, 1.0, STATIONS)
+        even = np.linspace(0.0, 1.0, max(STATIONS, EACH * pieces + 1))
         at = length * (0.5 * even + 0.25 * (1.0 - np.cos(np.pi * even)))
         knots = np.concatenate(
             [np.zeros(DEGREE), np.linspace(0.0, length, pieces + 1), np.full(DEGREE, length)]
@@ -72,6 +74,12 @@ class TimingBasis:
     def linear(cls, stations: Array) -> TimingBasis:
         """Return a number for each station but the ends, where the pace is 0."""
         return cls(stations, np.eye(len(stations))[:, 1:-1], np.ones(len(stations) - 2))
+
+    def nearest(self, square: Array) -> Array:
+        """Return the coefficients (p,) of the timing nearest to squared paces (k,)."""
+        weights = 1.0 / np.maximum(square, LEAST * square.max())
+        found, _ = scipy.optimize.nnls(weights[:, None] * self.design, weights * square)
+        return np.asarray(np.maximum(found, LEAST * found.max()))
 
 
 class Timing:

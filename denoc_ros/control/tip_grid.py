@@ -75,7 +75,7 @@ class TipGrid:
     @property
     def tip_error(self) -> float:
         """Largest weighed error of the tips at the nodes, as a share of their distance."""
-        return float(np.abs(self.problem.errors(self.solved.q)).max() / _size(self.problem))
+        return float(np.abs(self.problem.errors(self.solved.q)).max() / size_of(self.problem))
 
     @property
     def motion(self) -> GridMotion:
@@ -125,7 +125,7 @@ class TipGrids:
         times: Array = step * np.arange(first, last + 1, dtype=np.float64)
         problem = self.problem(asked, times, usual / step)
         guess = _guess(problem, ends, np.clip(times / duration, 0.0, 1.0))
-        solved = solve_motion(problem, guess, step, _size(problem), self.report)
+        solved = solve_motion(problem, guess, step, size_of(problem), self.report)
         grid = self._grid(problem, solved, times, ends)
         return self.refined(grid, asked) if coarser == 1.0 else grid
 
@@ -133,13 +133,13 @@ class TipGrids:
         """Return the motion on a grid that is halved where the equations do not hold between."""
         usual, first = min(asked.duration / NODES, LONGEST_STEP), float(grid.nodes[0])
         for _ in range(0 if self.options.step else HALVINGS):
-            if _between(grid) <= GRID_ERROR * _size(grid.problem):
+            if _between(grid) <= GRID_ERROR * size_of(grid.problem):
                 break
             finer: Array = first + 0.5 * grid.step * np.arange(2.0 * len(grid.nodes) - 1.0)
             try:
                 better = self.problem(asked, finer, 2.0 * usual / grid.step)
                 guess = _halved(grid)
-                solved = solve_motion(better, guess, 0.5 * grid.step, _size(better), self.report)
+                solved = solve_motion(better, guess, 0.5 * grid.step, size_of(better), self.report)
             except CancelledError:
                 raise
             except SolverError:
@@ -163,7 +163,7 @@ class TipGrids:
         problem = self.problem(asked, times, min(asked.duration / NODES, LONGEST_STEP) / step)
         if guess is None:
             guess = _guess(problem, ends, np.clip(times / asked.duration, 0.0, 1.0))
-        solved = settle(problem, guess, step, _size(problem), self.report)
+        solved = settle(problem, guess, step, size_of(problem), self.report)
         return self._grid(problem, solved, times, ends)
 
     def _grid(
@@ -290,7 +290,8 @@ def _share(robot: Robot, driven: Int, options: TipOptions) -> float:
     return FEW if few and options.turn is None else 1.0
 
 
-def _size(problem: TipProblem) -> float:
+def size_of(problem: TipProblem) -> float:
+    """Return the largest distance of the tips from the base [m]."""
     return max(float(np.abs(t.poses[:, :3, 3]).max()) for t in problem.targets)
 
 

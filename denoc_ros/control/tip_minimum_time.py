@@ -7,7 +7,6 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy.optimize
 import scipy.sparse as sparse
 from scipy.integrate import cumulative_trapezoid
 from scipy.interpolate import make_interp_spline
@@ -24,15 +23,17 @@ from denoc_ros.control.minimum_time import (
     Found,
     Objective,
     PathDuration,
+    checked_plan,
     excess,
+    quiet,
     shortest,
     shortest_plan,
 )
 from denoc_ros.control.plan import Plan
 from denoc_ros.control.stretching import UNSOLVED
 from denoc_ros.control.timing import Timing, TimingBasis
-from denoc_ros.control.tip_grid import FEWEST, TipGrid, TipGrids
-from denoc_ros.control.tip_options import TipOptions
+from denoc_ros.control.tip_grid import FEWEST, GRID_ERROR, TipGrid, TipGrids, size_of
+from denoc_ros.control.tip_options import PIECES, TipOptions
 from denoc_ros.control.tip_solver import CancelledError, sensitivity
 from denoc_ros.errors import SolverError, StateError
 from denoc_ros.types import Array
@@ -40,7 +41,8 @@ from denoc_ros.types import Array
 COARSER = 2.0  # times the usual step, while a timing is looked for
 SHARPEST = 4.0  # times their median: coefficients of a timing, so that it begins smoothly
 BEGINNINGS = 5  # motions, each slower, until one keeps the limits
-PIECES = 14  # of the splines of a timing
+FINER = 4e-3  # share of the duration that more pieces of a timing must save at first order
+LOOSER = 1.5  # times the tip's error with fewer pieces, where it is not as small as it may be
 CELLS = 200  # of a rigid robot's path
 MOMENTS = 4  # of each cell: its ends, and between
 KNOTS = 800  # of its spline
@@ -203,6 +205,15 @@ class TipMinimumTime:
                 return shortest(self, fine.coefficients, report, stopped, rounds)
         return replace(found, solution=fine)
 
+    def finer(self, basis: TimingBasis, found: TimedTip) -> tuple[TipMinimumTime, Array]:
+        """Return the search among finer timings, and where it begins: with a motion found here."""
+        finer = TipMinimumTime(self._grids, self._asked, basis, self._rows)
+        finer._longest, finer._error = self._longest, self._error
+        before = found.timing
+        square = np.interp(basis.stations, before.basis.stations, before.pace**2)
+        finer._known = finer.solve(basis.nearest(square), (found, found.coefficients))
+        return finer, finer._known.coefficients
+
     def _refined(self, found: TimedTip) -> TimedTip:
         """Return a motion on a grid as fine as its equations need."""
         grid = self._grids.refined(found.grid, found.asked)
@@ -285,11 +296,7 @@ class TipMinimumTime:
         passed, t = plan.passed[inside], plan.t[inside]
         share = self._basis.stations[-1] / max(float(passed[-1]), 1e-300)
         pace = np.gradient(passed * share, t)
-        wanted = np.interp(self._basis.stations, passed * share, pace**2)
-        weights = 1.0 / np.maximum(wanted, 1e-3 * wanted.max())
-        rows = weights[:, None] * self._basis.design
-        found, _ = scipy.optimize.nnls(rows, weights * wanted)
-        return np.asarray(np.maximum(found, 1e-3 * found.max()))
+        return self._basis.nearest(np.interp(self._basis.stations, passed * share, pace**2))
 
     def plan(self, found: TimedTip) -> Plan:
         """Return the plan of a motion, on a grid as fine as its equations need."""
@@ -497,8 +504,8 @@ def fastest(grids: TipGrids, asked: AskedMotion, rows: LimitRows) -> Plan:
             f'{robot.tree.name}: minimum time needs a limit of velocity, acceleration, effort, '
             'strain or such, got none'
         )
-    quiet = replace(options, progress=None, cancel=None)
-    own = TipGrids(robot, grids.frames, grids.driven, quiet, AROUND)
+    silent = replace(options, progress=None, cancel=None)
+    own = TipGrids(robot, grids.frames, grids.driven, silent, AROUND)
     some: Array = asked.coordinates(np.linspace(0.0, asked.duration, FEWEST + 1))
     if not float(np.ptp(some, axis=0).max()) > STANDS:
         raise StateError('shape_motion: q_joints must move for minimum time, got one posture')
@@ -511,10 +518,48 @@ def fastest(grids: TipGrids, asked: AskedMotion, rows: LimitRows) -> Plan:
     def fast(times: Array) -> Array:
         return np.asarray(np.linalg.norm(speed(times, 1), axis=1))
 
-    basis = TimingBasis.spline(asked.duration, fast, PIECES)
-    bent = TipMinimumTime(own, asked, basis, rows)
-    first = basis.asked
+    counts = [min(PIECES, options.pieces)]
+    while counts[-1] < options.pieces:
+        counts.append(min(2 * counts[-1], options.pieces))
+    bases = [TimingBasis.spline(asked.duration, fast, count) for count in counts]
+    report, stopped = options.progress or quiet, options.cancel or (lambda: False)
+    bent = TipMinimumTime(own, asked, bases[0], rows)
+    first = bases[0].asked
     if options.near is not None and options.near.passed is not None:
         first = bent.start(options.near)
-    first = bent.begin(first)
-    return shortest_plan(bent, first, rows, options.progress, options.cancel, bent.search)
+    found = bent.search(bent, bent.begin(first), report, stopped)
+    plan = checked_plan(bent, found, rows, stopped, bent.search)
+    for basis in bases[1:]:
+        better = None
+        if not stopped():
+            better = _with_more_pieces(bent, basis, found, plan, rows, report, stopped)
+        if better is None:
+            break
+        bent, found, plan = better
+    return plan
+
+
+def _with_more_pieces(
+    coarse: TipMinimumTime,
+    basis: TimingBasis,
+    found: Found[TimedTip],
+    plan: Plan,
+    rows: LimitRows,
+    report: Callable[[float], object],
+    stopped: Callable[[], bool],
+) -> tuple[TipMinimumTime, Found[TimedTip], Plan] | None:
+    """Return a search among finer timings, what it found, and its plan; None: it is no better."""
+    rows.widen()
+    with suppress(SolverError):
+        finer, start = coarse.finer(basis, found.solution)
+        finer.steady = FINER
+        found = shortest(finer, start, report, stopped)
+        finer.steady = STEADY
+        if found.coefficients is start:
+            return None
+        shorter = checked_plan(finer, found, rows, stopped, finer.search)
+        small = GRID_ERROR * size_of(found.solution.grid.problem)
+        allowed = max(LOOSER * float(plan.tip_error.max()), small)
+        if shorter.stretch < plan.stretch and float(shorter.tip_error.max()) <= allowed:
+            return finer, found, shorter
+    return None

@@ -15,6 +15,7 @@ from denoc_ros.settings import documented, optional, setting
 
 TIMES = ('asked', 'minimum')
 LARGEST_STRETCH = 10.0
+PIECES, FEWEST_PIECES, MOST_PIECES = 14, 4, 200  # of the spline of a timing
 
 
 @documented
@@ -88,6 +89,15 @@ class TipOptions(LimitOptions):
         finite=True,
     )
     time: str = 'asked'
+    # twice as many at a time, as long as they save
+    pieces: int = setting(
+        PIECES,
+        'in minimum time, pieces that the spline of the timing may have: more follow fast modes '
+        'and take longer to find',
+        '',
+        FEWEST_PIECES,
+        MOST_PIECES,
+    )
     near: Plan | None = None
     stretch: float = setting(
         LARGEST_STRETCH,

@@ -96,6 +96,25 @@ def test_a_path_from_a_straight_arm_has_one_least_time(
         assert max(plan.limits.largest.values()) <= 1.001
 
 
+def test_a_timing_of_more_pieces_follows_fast_modes() -> None:
+    """By torques alone the least time drives the links' second modes to and fro."""
+    arm = dn.load_robot(ROBOTS / 'two_link_ff.urdf', gravity=(0, 0, 0))
+    arm = arm.with_overrides({f'joint.{name}.armature': 0.5 for name in arm.joint_names})
+    way = cycloid(np.array([0.3, 0.6]), np.full(2, 0.5), 1.0)(0.1 * TIMES)
+    few, more = (
+        dn.shape_motion(
+            arm, 0.1 * TIMES, way, time='minimum', turn=0.0, effort=[100.0, 40.0], pieces=pieces
+        )
+        for pieces in (14, 28)
+    )
+    assert more.stretch < 0.992 * few.stretch
+    assert more.limits is not None
+    assert max(more.limits.largest.values()) <= 1.001
+    assert more.tip_error.max() < 2e-6
+    with pytest.raises(dn.StateError, match='pieces'):
+        dn.shape_motion(arm, 0.1 * TIMES, way, time='minimum', pieces=2)
+
+
 def test_torques_of_a_short_motion_hold_at_the_ticks_of_a_loop() -> None:
     """They have peaks of a millisecond, between the nodes of the grid."""
     arm = dn.load_robot(ROBOTS / 'two_link_ff.urdf', gravity=(0, 0, 0))
