@@ -20,10 +20,10 @@ import denoc_ros as dn
 from denoc_ros.control.limit_rows import LimitRows, motion_limits
 
 FIRST, LAST = np.array([0.3, 0.6]), np.array([0.8, 1.1])
-# curvature at most; a straight arm that bends could not reach its path
-PROBLEMS = {'path': np.inf, 'path_strain': 0.06}
+# curvature at most, and intervals, with which the peer nearly keeps its limits between its points;
+# a straight arm that bends could not reach its path
+PROBLEMS = {'path': (np.inf, (84, 120)), 'path_strain': (0.06, (21, 35))}
 TIMES = np.linspace(0.0, 1.0, 201)
-MESHES = 84, 120  # intervals: with fewer the peer passes its limits between its points
 PIECES = 56  # of our timing
 FINE, STEP = 1201, 0.001  # moments of its timing, and s between the nodes of its motion
 BEYOND = 1.01
@@ -31,7 +31,7 @@ BEYOND = 1.01
 
 def compare(name: str) -> None:
     """Print the least times of a problem, and the ratio."""
-    robot, curvature = arm_of(TWO), PROBLEMS[name]
+    robot, (curvature, meshes) = arm_of(TWO), PROBLEMS[name]
     efforts = dict(zip(robot.joint_names, EFFORT, strict=True))
     moment = None if np.isinf(curvature) else EI * curvature
     began = time.process_time()
@@ -58,7 +58,7 @@ def compare(name: str) -> None:
     known = make_interp_spline(plan.t, np.concatenate([plan.q, share], axis=1), k=3)
     windows = plan.preaction, plan.postaction
     problem = PathBeams(TWO, FIRST, LAST, EFFORT, 2 * TWO.links, curvature, windows=windows)
-    for mesh in MESHES:
+    for mesh in meshes:
         try:
             least, place = problem.along(known, plan.stretch, mesh)
         except RuntimeError as error:
