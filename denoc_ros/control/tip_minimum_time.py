@@ -522,7 +522,12 @@ def fastest(grids: TipGrids, asked: AskedMotion, rows: LimitRows) -> Plan:
     while counts[-1] < options.pieces:
         counts.append(min(2 * counts[-1], options.pieces))
     bases = [TimingBasis.spline(asked.duration, fast, count) for count in counts]
-    report, stopped = options.progress or quiet, options.cancel or (lambda: False)
+    progress, stopped = options.progress or quiet, options.cancel or (lambda: False)
+
+    def report(share: float) -> None:
+        progress((done + share) / len(bases))
+
+    done = 0
     bent = TipMinimumTime(own, asked, bases[0], rows)
     first = bases[0].asked
     if options.near is not None and options.near.passed is not None:
@@ -530,7 +535,7 @@ def fastest(grids: TipGrids, asked: AskedMotion, rows: LimitRows) -> Plan:
     found = bent.search(bent, bent.begin(first), report, stopped)
     plan = checked_plan(bent, found, rows, stopped, bent.search)
     for basis in bases[1:]:
-        better = None
+        better, done = None, done + 1
         if not stopped():
             better = _with_more_pieces(bent, basis, found, plan, rows, report, stopped)
         if better is None:
