@@ -26,7 +26,7 @@ BROWSERS := chromium chromium-browser google-chrome
 # as root, or by who may be it
 ASROOT := $(if $(filter 0,$(shell id -u)),,sudo)
 
-.PHONY: demo test check browser lint style types bench mechanisms rates docs smoke soak siege longbag fuzz load watched requests bounds identification strangers longload ends peers tips fastest readme counts venv clean
+.PHONY: demo test long check browser lint style types bench mechanisms rates docs smoke soak siege longbag fuzz load watched requests bounds identification strangers longload ends peers tips fastest readme counts venv clean
 
 venv: $(STAMP)
 
@@ -51,24 +51,28 @@ types: $(STAMP)
 	$(BIN)/lint-imports
 
 check: lint
-	$(BIN)/pytest -m 'not ros' --numprocesses auto $(LONGEST_FIRST)
+	$(BIN)/pytest -m 'not ros and not long' --numprocesses auto $(LONGEST_FIRST)
 
-# side by side: nodes, which wait much of the time, three files at a time, then a minute of siege
-# with ends of nodes and their faults beside it; and in the time that these leave what has no nodes,
-# on all cores, then types and layers. Loops that are held to time have the machine to themselves,
-# at the end
+# side by side: nodes, which wait much of the time, three files at a time, then ends of nodes, their
+# faults and a minute of siege; and in the time that these leave what has no nodes, on all cores,
+# then types and layers. Loops that are held to time have the machine to themselves, at the end
 test: style browser
 	@status=0; mkdir -p $(ROS_LOG_DIR); \
-	{ nice -n 10 $(BIN)/pytest -m 'not ros' --numprocesses auto $(LONGEST_FIRST); found=$$?; \
+	{ nice -n 10 $(BIN)/pytest -m 'not ros and not long' --numprocesses auto $(LONGEST_FIRST); found=$$?; \
 	nice -n 10 $(MAKE) --no-print-directory types && exit $$found; } > $(ROS_LOG_DIR)/check.txt 2>&1 & check=$$!; \
 	trap 'trap - TERM; kill 0; exit 130' INT TERM; \
-	$(BIN)/pytest -m 'ros and not alone' --numprocesses 3 $(LONGEST_FIRST) || status=1; \
-	$(BIN)/pytest -m alone campaigns/trust/test_siege.py > $(ROS_LOG_DIR)/siege.txt 2>&1 & siege=$$!; \
-	$(BIN)/pytest -m alone campaigns/trust --ignore campaigns/trust/test_siege.py || status=1; \
-	wait $$siege || status=1; \
+	$(BIN)/pytest -m 'ros and not alone and not long' --numprocesses 3 $(LONGEST_FIRST) || status=1; \
+	$(BIN)/pytest -m alone campaigns/trust || status=1; \
 	wait $$check || status=1; \
-	cat $(ROS_LOG_DIR)/siege.txt $(ROS_LOG_DIR)/check.txt; \
+	cat $(ROS_LOG_DIR)/check.txt; \
 	$(BIN)/pytest -m alone campaigns/bench || status=1; \
+	exit $$status
+
+# half an hour: what takes seconds or minutes each, of which make test has shorter forms
+long: $(STAMP) browser
+	@status=0; \
+	$(BIN)/pytest -m 'long and ros' --numprocesses 2 $(LONGEST_FIRST) || status=1; \
+	$(BIN)/pytest -m 'long and not ros' --numprocesses auto $(LONGEST_FIRST) || status=1; \
 	exit $$status
 
 # the viewer's page is tested in a real browser

@@ -92,13 +92,17 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
 
     A file's own words say which markers it has.
     """
-    asked = re.fullmatch(r'not ros|ros and not alone|alone', str(config.getoption('markexpr')))
-    if asked is None or not collection_path.name.startswith('test_') or collection_path.is_dir():
+    asked = str(config.getoption('markexpr')).split(' and ')
+    known = all(re.fullmatch(r'(not )?(ros|alone|long)', each) for each in asked)
+    if not known or not collection_path.name.startswith('test_') or collection_path.is_dir():
         return None
     words = collection_path.read_text('utf-8')
-    if asked[0] == 'not ros':
-        return True if re.search(r'^pytestmark = .*mark\.ros\b', words, re.M) else None
-    return None if f'mark.{asked[0].split()[0]}' in words else True
+    for each in asked:
+        name = each.removeprefix('not ')
+        every = re.search(rf'^pytestmark = .*mark\.{name}\b', words, re.M)
+        if every if name != each else f'mark.{name}' not in words:
+            return True
+    return None
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -15,6 +15,9 @@ from snippet_kinds import check_xml, check_yaml, run_command
 ROOT = Path(__file__).resolve().parent.parent
 PAGES = [ROOT / 'README.md', *sorted((ROOT / 'docs').glob('*.md'))]
 LANGUAGES = {'python', 'sh', 'yaml', 'xml', 'text', 'mermaid', 'math', ''}
+# pages whose snippets take more than five seconds
+LONG = {'bases', 'control', 'fastest', 'films', 'identify', 'reports', 'scenarios'}
+LONG |= {'tutorial_4_shaped_moveit', 'tutorial_7_fastest_cycle'}
 OF_ROS = re.compile(r'^(denoc up |ros2 |denoc-)|ros__parameters|^nodes:', re.MULTILINE)
 
 
@@ -25,8 +28,8 @@ def page_parameters() -> list[Any]:
             page,
             id=page.stem,
             marks=[pytest.mark.ros]
-            if any(OF_ROS.search(snippet.text) for snippet in snippets(page))
-            else [],
+            * any(OF_ROS.search(snippet.text) for snippet in snippets(page))
+            + [pytest.mark.long] * (page.stem in LONG),
         )
         for page in PAGES
     ]

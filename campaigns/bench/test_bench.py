@@ -27,6 +27,7 @@ def times(*medians: float) -> Times:
     return Times(float(np.median(medians)), max(medians), np.array(medians))
 
 
+@pytest.mark.long
 def test_quick_run_checks_every_line(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(['bench', '--quick', '--json']) == 0
     report = json.loads(capsys.readouterr().out)

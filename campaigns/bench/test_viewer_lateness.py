@@ -7,6 +7,7 @@ import pytest
 from bench.viewer_lateness import KINDS, LOOPS, Blocks, lateness
 
 
+@pytest.mark.long
 @pytest.mark.ros
 def test_a_client_gets_updates_of_the_ssrms_beside_its_loops() -> None:
     found = lateness(1.0, 1, ('feedforward',))

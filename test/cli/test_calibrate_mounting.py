@@ -82,6 +82,7 @@ def test_mounting_and_biases_of_an_imu_are_found_and_written(
     assert 'rad/s, residual' in text
 
 
+@pytest.mark.long
 def test_an_imu_is_calibrated_by_joints_that_are_measured_behind_springs(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

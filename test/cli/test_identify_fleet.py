@@ -82,6 +82,7 @@ def test_one_file_for_many_models_is_refused(
     assert '--apply must come with one model' in capsys.readouterr().err
 
 
+@pytest.mark.long
 def test_a_worker_killed_half_way_loses_no_row(
     fleet: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -172,6 +172,7 @@ def test_a_motion_file_that_ends_in_motion_is_refused() -> None:
     assert read_motion(still, Path('m.yaml'), ['a'])[0].tolist() == [0.0, 1.0]
 
 
+@pytest.mark.long
 def test_the_configuration_of_a_mechanism_is_a_motion(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:

@@ -31,6 +31,7 @@ def no_wrong_models(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(shape_comparison, 'variations', lambda _robot: {})
 
 
+@pytest.mark.long
 def test_a_plan_on_a_spacecraft_is_simulated_with_its_torque(
     capsys: pytest.CaptureFixture[str], motion: Path, tmp_path: Path
 ) -> None:

@@ -78,6 +78,7 @@ def test_a_limit_of_memory_is_one_line(repository: Path, tmp_path: Path) -> None
         assert len(ended.stderr.splitlines()) <= 2  # OpenBLAS may say it, and end the process
 
 
+@pytest.mark.long
 def test_ctrl_c_while_modules_are_imported_ends_with_130(repository: Path) -> None:
     """Python's own start, before the command has begun, is not in its hands."""
     line = 'import sys; sys.argv[0] = "denoc"; import denoc_ros.cli.main as m; '
@@ -110,7 +111,7 @@ def test_ctrl_c_before_the_command_has_begun_ends_with_130() -> None:
     assert subprocess.run([sys.executable, '-c', line]).returncode == 0
 
 
-@pytest.mark.parametrize('moment', ['starts', 'works'])
+@pytest.mark.parametrize('moment', ['starts', pytest.param('works', marks=pytest.mark.long)])
 def test_ctrl_c_with_workers_leaves_no_process_and_no_traceback(
     repository: Path, tmp_path: Path, moment: str
 ) -> None:

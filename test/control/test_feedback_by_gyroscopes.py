@@ -31,9 +31,9 @@ def loop_of(gauges: str, duration: float = 10.0, share: float = 1.0, **settings:
     ('gauges', 'settings', 'moving', 'after'),
     [
         # 9.1 mm, 0.7 mm; the plan alone misses by metres
-        ('', SLOW, 0.025, 0.003),
+        pytest.param('', SLOW, 0.025, 0.003, marks=pytest.mark.long),
         # 6.7 mm, 0.5 mm; the gauges at the roots alone are refused
-        ('root', SLOW, 0.015, 0.003),
+        pytest.param('root', SLOW, 0.015, 0.003, marks=pytest.mark.long),
         # 1.4 mm, 0.4 mm; without IMUs 2.1 and 0.5 mm
         ('_', {}, 0.0025, 0.001),
     ],
@@ -47,6 +47,7 @@ def test_gyroscopes_keep_the_tip_of_a_wrong_model_with_its_plan(
     assert run.after(3.0) < after
 
 
+@pytest.mark.long
 def test_lost_values_cost_little() -> None:
     loop = loop_of('', **SLOW)
     loop.lost = 0.3
@@ -101,6 +102,7 @@ def test_dead_imu_is_named() -> None:
     assert loop.feedback.filter.cause == 'no good values of link_1_imu/gyro_x'
 
 
+@pytest.mark.long
 def test_pauses_do_not_lose_the_robot() -> None:
     loop = loop_of('_', 4.0, 0.3)
     loop.stall = 0.004

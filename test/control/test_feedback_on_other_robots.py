@@ -159,6 +159,7 @@ def test_filter_that_knows_of_errors_is_that_of_the_robot_which_has_them() -> No
         assert left < 0.25 * np.abs(plain[:s, :s] - exact[:s, :s]).max()
 
 
+@pytest.mark.long
 def test_errors_of_stiffness_and_load_at_once_are_found_on_the_way() -> None:
     planned = tip_exact(10.0, 1.0, described())
     feedback = StateFeedback(planned.robot, planned.schedule())
@@ -185,6 +186,7 @@ def test_beams_that_turn_too_little_under_moments_are_found_on_the_way() -> None
     np.testing.assert_allclose(errors.values, [0.0, 0.0, -0.2, 0.0], atol=0.03)
 
 
+@pytest.mark.long
 def test_soft_beams_of_other_shapes_with_more_load_stand_still_after_the_stop() -> None:
     planned = tip_exact(10.0, 1.0, described())
     feedback = StateFeedback(planned.robot, planned.schedule())

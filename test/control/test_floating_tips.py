@@ -71,7 +71,8 @@ def ssrms() -> tuple[dn.Robot, Plan]:
 
 
 @pytest.mark.parametrize(
-    ('name', 'motion', 'duration'), [('canadarm', CANADARM, 10.0), ('ssrms', SSRMS, 20.0)]
+    ('name', 'motion', 'duration'),
+    [('canadarm', CANADARM, 10.0), pytest.param('ssrms', SSRMS, 20.0, marks=pytest.mark.long)],
 )
 def test_its_torque_alone_brings_the_tip_where_a_rigid_arm_on_that_spacecraft_has_it(
     name: str, motion: Reference, duration: float, request: pytest.FixtureRequest
@@ -148,6 +149,7 @@ def test_a_straight_path_in_the_world_is_followed(ssrms: tuple[dn.Robot, Plan]) 
     assert np.linalg.norm(plan.q[-1, robot.base_indices[:3]]) > 0.05  # the base gave way
 
 
+@pytest.mark.long
 def test_a_limit_stretches_a_floating_robots_motion_too(ssrms: tuple[dn.Robot, Plan]) -> None:
     robot, plain = ssrms
     limit = 0.8 * float(np.abs(plain.torque).max())
@@ -163,6 +165,7 @@ def light() -> dn.Robot:
     return robot_of(text)
 
 
+@pytest.mark.long
 def test_a_light_satellite_turns_beyond_half_a_turn_without_a_jump() -> None:
     times = np.linspace(0.0, 30.0, 301)
     motion = cycloid(np.array([0.2, 0.7, 0.5]), np.array([5.0, 1.0, 0.5]), 30.0)
@@ -180,6 +183,7 @@ def test_a_light_satellite_turns_beyond_half_a_turn_without_a_jump() -> None:
         dn.shape_motion(robot, times, further)
 
 
+@pytest.mark.long
 def test_loops_stay_closed_on_a_base_that_floats() -> None:
     rigid, robot = (
         robot_of(floating(description(f'five_bar_{kind}'), spacecraft(50.0, 0.5)))

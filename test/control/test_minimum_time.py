@@ -74,7 +74,11 @@ def test_the_least_time_does_not_depend_on_the_grid(
 
 @pytest.mark.parametrize(
     ('options', 'least'),
-    [({}, 0.591), ({'preaction': 0.5, 'postaction': 0.5}, 0.591), ({'moment': 60.0}, 0.690)],
+    [
+        pytest.param({}, 0.591, marks=pytest.mark.long),
+        pytest.param({'preaction': 0.5, 'postaction': 0.5}, 0.591, marks=pytest.mark.long),
+        ({'moment': 60.0}, 0.690),
+    ],
 )
 def test_a_path_from_a_straight_arm_has_one_least_time(
     options: dict[str, Any], least: float
@@ -265,7 +269,14 @@ def test_what_has_no_motion_in_minimum_time_is_told(given: dict[str, Any], messa
 
 
 @pytest.mark.parametrize('robot', ['two_link_rr', 'two_link_ff'])
-@pytest.mark.parametrize('joint_2', [(0.6, 1.2, 0.4), (0.0, 0.0, 0.0), (-0.6, 0.0, 0.6)])
+@pytest.mark.parametrize(
+    'joint_2',
+    [
+        pytest.param((0.6, 1.2, 0.4), marks=pytest.mark.long),
+        pytest.param((0.0, 0.0, 0.0), marks=pytest.mark.long),
+        (-0.6, 0.0, 0.6),
+    ],
+)
 def test_kinks_straight_arms_and_singularities_are_passed_within_limits(
     robot: str, joint_2: tuple[float, float, float]
 ) -> None:

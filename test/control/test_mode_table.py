@@ -122,6 +122,7 @@ def test_an_accelerometer_at_five_postures_stills_a_gantry_whose_beams_nobody_kn
     assert left['first posture'] > 4.0 * left['all'], left
 
 
+@pytest.mark.long
 def test_an_arm_is_stilled_by_its_tip_s_accelerometer_with_a_rigid_urdf() -> None:
     text = Path('config/robots/two_link_ff.urdf').read_text(encoding='utf-8')
     truth = dn.load_robot(

@@ -105,6 +105,7 @@ def test_one_link_is_as_fast_as_by_ipopt() -> None:
     assert plan.limits.binding().count('') < 0.15 * len(plan.t)  # a limit binds all the time
 
 
+@pytest.mark.long
 def test_light_joints_of_a_long_arm_keep_a_limit_at_its_bound(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -145,6 +146,7 @@ def test_limits_hold_on_the_flexible_motion_and_nothing_rings() -> None:
     assert swings[0] < 0.02 * swings[1]
 
 
+@pytest.mark.long
 def test_the_plan_of_two_links_does_what_the_search_found() -> None:
     robot = dn.load_robot('config/robots/two_link_ff.urdf', gravity=(0, 0, 0))
     ends = np.array([[0.0, 0.0], [0.5, 0.5]])
@@ -174,6 +176,7 @@ def test_margin_keeps_room_and_uncertainty_says_how_much_is_used() -> None:
     assert 0.8 * with_room.limits.spread['moment arm'] < spread['moment arm']
 
 
+@pytest.mark.long
 def test_waypoints_are_passed_within_their_radius() -> None:
     robot = dn.load_robot('config/robots/two_link_ff.urdf', gravity=(0, 0, 0))
     q = np.linspace([0.0, 0.0], [0.5, 0.5], 41)

@@ -81,6 +81,7 @@ def test_limits_are_kept() -> None:
         ).all()
 
 
+@pytest.mark.long
 def test_robust_motion_leaves_less_where_frequencies_are_off() -> None:
     robot = two_links()
     softer = robot.with_overrides(
@@ -212,7 +213,7 @@ def test_a_motion_by_narrower_limits_is_one_within_the_wider_ones() -> None:
         assert wide.duration == found.duration
 
 
-@pytest.mark.parametrize('share', [0.5, 0.95])
+@pytest.mark.parametrize('share', [0.5, pytest.param(0.95, marks=pytest.mark.long)])
 def test_a_refusal_names_the_shortest_duration_that_was_found(
     swift: RestMotion, share: float
 ) -> None:

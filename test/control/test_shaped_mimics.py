@@ -49,6 +49,7 @@ def test_followers_follow_and_their_torque_is_the_leaders(method: str) -> None:
     assert left < 0.08 * swing_after(robot, T, PLAIN, 'gripper')
 
 
+@pytest.mark.long
 def test_limits_count_a_followers_torque_as_its_leaders() -> None:
     robot = levelled()
 

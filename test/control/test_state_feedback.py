@@ -58,6 +58,7 @@ def test_errors_of_a_right_model_stay_small() -> None:
     assert np.abs(errors.values).max() < 0.05
 
 
+@pytest.mark.long
 def test_lost_gauge_values_cost_little() -> None:
     loop = closed(tip_exact(), canadarm(0.9, 1.2))
     loop.lost = 0.3
@@ -111,7 +112,7 @@ def test_pauses_of_a_tenth_of_a_second_do_not_lose_the_robot() -> None:
     ('seconds', 'backlog', 'moving'),
     [
         # 3.5 mm, then 0.2; 88 and 55 mm where gains for 1 ms went on with ticks 12 ms apart
-        (1.0, 0, 0.008),
+        pytest.param(1.0, 0, 0.008, marks=pytest.mark.long),
         # 15 mm, 0.4; what was measured in a pause arrives in the three ticks after it
         (4.0, 3, 0.04),
     ],

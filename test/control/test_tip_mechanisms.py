@@ -33,6 +33,7 @@ def platform() -> tuple[dn.Robot, Plan]:
     )
 
 
+@pytest.mark.long
 def test_the_platform_follows_its_circle_by_torque_alone(
     platform: tuple[dn.Robot, Plan],
 ) -> None:

@@ -180,6 +180,7 @@ def test_the_straight_arm_of_the_book_does_without_noise() -> None:
     assert np.abs(plan.qdd[:, robot.joint_indices]).max() < 0.5
 
 
+@pytest.mark.long
 def test_a_straight_arm_that_also_bends_sideways_finds_its_plan() -> None:
     """The first steps overflow: shorter ones, or more draw to the asked joints, do not."""
     page = (ROBOTS.parents[1] / 'docs' / 'tutorial_1_flexible_urdf.md').read_text(encoding='utf-8')

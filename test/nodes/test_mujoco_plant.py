@@ -107,6 +107,7 @@ def test_what_it_cannot_do_is_refused(
     )
 
 
+@pytest.mark.long
 def test_two_runs_in_lockstep_give_the_same_bag(urdf: str, tmp_path: Path) -> None:
     motion = SplineTrajectory(
         np.array([0.0, 0.5]), np.array([[0.0, 0.0], [0.3, -0.2]]), *np.zeros((2, 2, 2))

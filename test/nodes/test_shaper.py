@@ -100,7 +100,9 @@ def start_ns(message: Any) -> int:
     return int(message.header.stamp.sec) * 10**9 + int(message.header.stamp.nanosec)
 
 
-@pytest.mark.parametrize('method', ['tip', 'zvd', 'rest_to_rest'])
+@pytest.mark.parametrize(
+    'method', ['tip', *(pytest.param(m, marks=pytest.mark.long) for m in ('zvd', 'rest_to_rest'))]
+)
 def test_whole_motion_comes_out_once_and_leaves_no_swing(bench: Any, method: str) -> None:
     # a cold kernel cache compiles within the first plan
     arm = bench(method=method, start_margin=2.0, solve_timeout=LONG)
@@ -253,6 +255,7 @@ def test_planner_that_is_stopped_while_it_loads_keeps_nobody_waiting(
     assert gone(second)
 
 
+@pytest.mark.long
 def test_planner_that_is_stopped_with_a_full_pipe_keeps_nobody_waiting(bench: Any) -> None:
     arm = bench(method='zv')
     planner = arm.node.planning.planner
@@ -395,7 +398,7 @@ class Followed:
 
 
 @pytest.mark.parametrize('how', ['service', 'cancel'])
-@pytest.mark.parametrize('method', ['zvd', 'tip'])
+@pytest.mark.parametrize('method', [pytest.param('zvd', marks=pytest.mark.long), 'tip'])
 def test_a_stop_on_the_way_brakes_along_the_path(bench: Any, method: str, how: str) -> None:
     """The reference never jumps, and a new motion begins where this one came to rest."""
     arm = bench(method=method, stop_time=0.5, start_margin=0.5)

@@ -95,6 +95,7 @@ def test_bags_begin_alike_with_and_without_a_rehearsal(tmp_path: Path) -> None:
         assert [each.message.data for each in found['/up/phase']] == ['run', '']
 
 
+@pytest.mark.long
 def test_another_phase_than_the_first_may_be_rehearsed(tmp_path: Path) -> None:
     found = recorded(tmp_path, 'auto', FED)
     assert [each.message.data for each in found['/up/phase']] == ['plain', '', 'fed', '']

@@ -17,8 +17,8 @@ from trust.session_failures import spoil
 pytestmark = pytest.mark.ros
 
 CASES = [
-    ('plant', 'killed', 1),
-    ('recorder', 'killed', 1),
+    pytest.param(('plant', 'killed', 1), marks=pytest.mark.long),
+    pytest.param(('recorder', 'killed', 1), marks=pytest.mark.long),
     ('feedforward', 'stopped', 0),
 ]
 UNBUILDABLE = 'time: real\nreference: {kind: sine, amplitude: 0.2, frequency: 0.5, duration: 2}\n'

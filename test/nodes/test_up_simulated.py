@@ -62,6 +62,7 @@ def contents(bag: Path) -> dict[str, str]:
     return {topic: digest.hexdigest() for topic, digest in found.items()}
 
 
+@pytest.mark.long
 def test_two_simulated_sessions_give_the_same_messages(
     tmp_path: Path, environment: dict[str, str]
 ) -> None:

@@ -62,6 +62,7 @@ def test_what_no_record_can_tell_is_not_found(still: dict[str, NumberScore]) -> 
     assert not summary(list(still.values()))['untold_found']
 
 
+@pytest.mark.long
 def test_fast_modes_do_not_lead_a_search_astray() -> None:
     """What tells rigidity from a gauge's gain is vibration, some of it near the sampling rate.
 
@@ -145,7 +146,7 @@ def test_what_is_refused_rightly_has_not_failed() -> None:
     assert (found['refused'], found['failed']) == (1, 2)
 
 
-@pytest.mark.parametrize('seed', [64, 71])
+@pytest.mark.parametrize('seed', [64, pytest.param(71, marks=pytest.mark.long)])
 def test_without_noise_offsets_of_sensors_are_within_their_least_interval(
     monkeypatch: pytest.MonkeyPatch, seed: int
 ) -> None:

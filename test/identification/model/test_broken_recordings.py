@@ -80,7 +80,9 @@ def damaged(whole: Recording, draw: np.random.Generator) -> Recording:
     )
 
 
-@pytest.mark.parametrize('seed', range(20))
+@pytest.mark.parametrize(
+    'seed', [*range(4), *(pytest.param(seed, marks=pytest.mark.long) for seed in range(4, 20))]
+)
 def test_gaps_end_in_a_verdict_or_a_clear_error(arm: Robot, whole: Recording, seed: int) -> None:
     """A bag with gaps of 0.9 s ended in a singular matrix, with a traceback."""
     draw = np.random.default_rng(seed)

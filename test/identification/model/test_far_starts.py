@@ -25,7 +25,7 @@ def require_law(found: IdentifiedModel, truth: dict[str, float]) -> None:
             assert abs(found.values[path] / value - 1.0) <= 0.05
 
 
-@pytest.mark.parametrize('factor', [0.1, 5.2])
+@pytest.mark.parametrize('factor', [pytest.param(0.1, marks=pytest.mark.long), 5.2])
 def test_rigidities_of_another_size_are_found(factor: float) -> None:
     """Beams ten times softer, or five times stiffer, than where the search begins."""
     arm = dn.load_robot(ROBOT, gravity=(0, 0, 0))
@@ -55,6 +55,7 @@ def drawn(seed: int, factor: float) -> tuple[IdentifiedModel, dict[str, float]]:
     return dn.identify_model(case.robot, truth_run(case, 3.0).recording, case.free), truth
 
 
+@pytest.mark.long
 def test_softer_links_of_many_modes_are_found() -> None:
     """Three rigidities, a fifth of the start's: all were doubtful, one 30 times the truth."""
     found, truth = drawn(3, 0.2)
@@ -65,5 +66,6 @@ def test_softer_links_of_many_modes_are_found() -> None:
         assert found.values[path] == pytest.approx(value, rel=0.01)
 
 
+@pytest.mark.long
 def test_what_a_stiff_link_hardly_shows_is_not_called_found() -> None:
     require_law(*drawn(8, 5.2))  # 4.3 % too low, doubtful, -23 to 18 %

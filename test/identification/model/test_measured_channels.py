@@ -77,6 +77,7 @@ def test_a_tracked_tip_tells_stiffness_its_axes_and_delay(arm: Robot, run: Recor
     assert found.values['pose.tool.offset.z'] == pytest.approx(0.03, abs=1e-3)
 
 
+@pytest.mark.long
 def test_wild_values_move_nothing_out_of_its_interval(arm: Robot, run: Recording) -> None:
     draw = np.random.default_rng(5)
     wild = {name: (t, spoiled(draw, values)) for name, (t, values) in run.sensors.items()}
