@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from trust import references, states
 from trust.outcome import Outcome, judge_torques, torque_text
-from trust.stage import INPUTS, POSTURE, Stage
+from trust.stage import INPUTS, POSTURE, RECOVERY, Stage
 
 FELT = 0.3  # s: until inputs are stale, and until the torque has come back
 SETTLING = 0.03  # s until what was said before has been heard
@@ -86,7 +86,7 @@ def run_fault(stage: Stage, fault: Fault, seconds: float, exact: bool) -> Outcom
             stage.heard_at(INPUTS) >= heard
             and all(stage.count(INPUTS, key) > before[key] for key in keys)
         ),
-        5.0,
+        RECOVERY,
         f'{fault.name}: counts on /diagnostics of {fault.causes}',
     )
     torques = stage.torques(begin, time.time())

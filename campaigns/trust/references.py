@@ -16,7 +16,7 @@ from node_robots import JOINTS
 from rclpy.serialization import serialize_message
 from ros_domains import claimed_domain
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
-from trust.stage import GOAL, INPUTS, Stage
+from trust.stage import GOAL, INPUTS, RECOVERY, Stage
 
 NAN, INF = math.nan, math.inf
 MANY_POINTS = 20_000
@@ -26,7 +26,9 @@ def stream(stage: Stage) -> None:
     """Let the planner stream GOAL."""
     stage.planner = lambda: [stage.point()]
     accepted = stage.count(INPUTS, 'reference accepted')
-    stage.until(lambda: stage.count(INPUTS, 'reference accepted') > accepted + 20, 3.0, 'a stream')
+    stage.until(
+        lambda: stage.count(INPUTS, 'reference accepted') > accepted + 20, RECOVERY, 'a stream'
+    )
 
 
 @contextmanager

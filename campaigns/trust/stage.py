@@ -44,7 +44,7 @@ RATE = 500.0  # Hz of the loop
 FEED = 200.0  # Hz of joint states and streamed references
 LIMITS = [60.0, 40.0]  # N m
 DELTA = 4.0  # N m per tick
-RECOVERY = 10.0  # s after a fault, on a busy machine
+RECOVERY = 60.0  # s after a fault, on a busy machine
 FEED_PRIORITY = 30  # SCHED_FIFO where allowed, below the node's own threads
 PATIENCE = 240.0  # s for a process to come up: a busy machine may take minutes to compile kernels
 # s: a machine that pauses the stage for so long may pause its messages and the nodes as well
