@@ -69,8 +69,14 @@ def run_fault(stage: Stage, fault: Fault, seconds: float, exact: bool) -> Outcom
     keys = [f'{topic} rejected {cause}' for topic, cause in map(str.split, fault.causes)]
     before = {key: stage.count(INPUTS, key) for key in keys}
     begin = time.time()
+
+    def is_counted() -> bool:
+        return all(stage.count(INPUTS, key) > before[key] for key in keys)
+
     with fault.applied(stage):
         time.sleep(seconds)
+        if not exact:  # a busy machine may have sent nothing of it yet
+            stage.until(is_counted, RECOVERY, f'{fault.name}: {fault.causes} on /diagnostics')
         if fault.safe:
             outcome.require(stage.is_safe(), 'the safe command must take over')
         end = time.time()
@@ -82,10 +88,7 @@ def run_fault(stage: Stage, fault: Fault, seconds: float, exact: bool) -> Outcom
     stage.follow()
     heard = time.time() if exact else 0.0
     stage.until(
-        lambda: (
-            stage.heard_at(INPUTS) >= heard
-            and all(stage.count(INPUTS, key) > before[key] for key in keys)
-        ),
+        lambda: stage.heard_at(INPUTS) >= heard and is_counted(),
         RECOVERY,
         f'{fault.name}: counts on /diagnostics of {fault.causes}',
     )
