@@ -11,8 +11,8 @@ from scipy.interpolate import BSpline, make_interp_spline
 
 from denoc_ros.types import Array
 
-STATIONS = 121  # of a motion, and at least
-EACH = 4  # of a piece of its splines
+STATIONS = 121  # of a motion, at least
+EACH = 4  # in a piece of its splines
 LEAST = 1e-3  # of the largest: squared paces that count, and coefficients
 SLOWEST = 0.03  # of the largest speed
 DEGREE = 3  # of the splines of the squared pace: the motion has a continuous jerk

@@ -553,7 +553,7 @@ def _with_more_pieces(
     report: Callable[[float], object],
     stopped: Callable[[], bool],
 ) -> tuple[TipMinimumTime, Found[TimedTip], Plan] | None:
-    """Return a search among finer timings, what it found, and its plan; None: it is no better."""
+    """Return a search among finer timings, its motion and its plan; None: they are no better."""
     rows.widen()
     with suppress(SolverError):
         finer, start = coarse.finer(basis, found.solution)
