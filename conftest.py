@@ -99,8 +99,9 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
     words = collection_path.read_text('utf-8')
     for each in asked:
         name = each.removeprefix('not ')
-        every = re.search(rf'^pytestmark = .*mark\.{name}\b', words, re.M)
-        if every if name != each else f'mark.{name}' not in words:
+        if name == each and f'mark.{name}' not in words:
+            return True
+        if name != each and re.search(rf'^pytestmark = .*mark\.{name}\b', words, re.M):
             return True
     return None
 

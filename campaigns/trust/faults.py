@@ -68,6 +68,7 @@ def run_fault(stage: Stage, fault: Fault, seconds: float, exact: bool) -> Outcom
     time.sleep(SETTLING)
     keys = [f'{topic} rejected {cause}' for topic, cause in map(str.split, fault.causes)]
     before = {key: stage.count(INPUTS, key) for key in keys}
+    counts = f'{fault.name}: counts on /diagnostics of {fault.causes}'
     begin = time.time()
 
     def is_counted() -> bool:
@@ -76,7 +77,7 @@ def run_fault(stage: Stage, fault: Fault, seconds: float, exact: bool) -> Outcom
     with fault.applied(stage):
         time.sleep(seconds)
         if not exact:  # a busy machine may have sent nothing of it yet
-            stage.until(is_counted, RECOVERY, f'{fault.name}: {fault.causes} on /diagnostics')
+            stage.until(is_counted, RECOVERY, counts)
         if fault.safe:
             outcome.require(stage.is_safe(), 'the safe command must take over')
         end = time.time()
@@ -86,12 +87,9 @@ def run_fault(stage: Stage, fault: Fault, seconds: float, exact: bool) -> Outcom
         stage.reset()
     stage.planner = lambda: ()
     stage.follow()
-    heard = time.time() if exact else 0.0
-    stage.until(
-        lambda: stage.heard_at(INPUTS) >= heard and is_counted(),
-        RECOVERY,
-        f'{fault.name}: counts on /diagnostics of {fault.causes}',
-    )
+    if exact:
+        heard = time.time()
+        stage.until(lambda: stage.heard_at(INPUTS) >= heard and is_counted(), RECOVERY, counts)
     torques = stage.torques(begin, time.time())
     judge_torques(outcome, torques)
     inside = (torques.stamp >= begin) & (torques.stamp <= end)

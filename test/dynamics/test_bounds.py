@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import re
 import subprocess
 import sys
 from pathlib import Path
@@ -99,7 +98,7 @@ def test_dynamics_stay_within_their_arrays(names: tuple[str, ...]) -> None:
         cwd=HERE.parent.parent,
     )
     assert done.returncode == 0, done.stdout[-3000:]
-    assert re.search(r' passed, [12] skipped', done.stdout)
+    assert ' passed, 2 skipped' in done.stdout
 
 
 def test_each_mode_has_a_cache_of_its_own() -> None:

@@ -87,7 +87,9 @@ def digests(path: Path, frame: str) -> list[dict[str, str]]:
     return found
 
 
-@pytest.mark.parametrize('name', [pytest.param('ssrms', marks=pytest.mark.long), 'five_bar_ffff'])
+@pytest.mark.parametrize(
+    'name', [pytest.param(name, marks=[pytest.mark.long] * (name == 'ssrms')) for name in ROBOTS]
+)
 def test_each_verb_gives_the_same_on_a_fresh_process_and_after_all_others(
     repository: Path, name: str
 ) -> None:

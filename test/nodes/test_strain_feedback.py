@@ -59,7 +59,9 @@ def test_strain_rate_becomes_torque_within_its_limit(graph: Any, urdf: str) -> N
     torque = np.array(damped())
     # rates up to 6e-3 per s by 100 N m s, jumps of the gauge at late messages aside; on a busy
     # machine values come in bunches, and torque decays between them
-    assert 0.02 < np.median(np.abs(torque[20:, 0])) < 1.5
+    size = np.abs(torque[20:, 0])
+    assert np.quantile(size, 0.75) > 0.1
+    assert np.median(size) < 1.5
     assert np.all(torque[:, 1] == 0.0)
     effort.clear()
     graph.until(lambda: feed(1.0))
