@@ -141,6 +141,28 @@ def test_newest_of_a_flood_are_taken_and_bad_ones_counted(
     assert taker.monitor.accepted == accepted
 
 
+@pytest.mark.parametrize(('slow', 'handled'), [(1, 6), (6, 3)])
+def test_what_the_first_message_takes_makes_no_flood(
+    taker: Any, publisher: Any, monkeypatch: pytest.MonkeyPatch, slow: int, handled: int
+) -> None:
+    handle = taker._on_state
+
+    def slow_at_first(raw: bytes, now: float) -> None:
+        handle(raw, now)
+        ends = time.thread_time() + (0.01 if len(taker.arrivals) <= slow else 0.0)
+        while time.thread_time() < ends:
+            pass
+
+    monkeypatch.setattr(taker._inputs[0], '_handle', slow_at_first)
+    for stamp in range(1, 7):
+        publisher.publish(state(stamp))
+    time.sleep(DELIVERY)
+    taker._take_inputs()
+    assert taker.monitor.accepted == handled  # the first, one beyond the bound, the newest
+    assert taker.monitor.rejected['flood'] == 6 - handled
+    assert taker.reader.stamp_ns == 6 * 10**9
+
+
 def heavy(stamp: int) -> JointState:
     message = state(stamp)
     message.header.frame_id = HEAVY * 'x'
