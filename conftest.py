@@ -106,6 +106,13 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
     return None
 
 
+def pytest_itemcollected(item: pytest.Item) -> None:
+    """Mark the cases of a test that are long, where others are its short form."""
+    cases = item.get_closest_marker('long_cases')
+    if cases is not None and isinstance(item, pytest.Function) and item.callspec.id in cases.args:
+        item.add_marker(pytest.mark.long)
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Begin with the files that take longest."""
     missing = [name for name in LONGEST if not (ROOT / name).is_file()]

@@ -79,6 +79,7 @@ def lost(pages: dict[Path, html.HtmlElement]) -> Iterator[str]:
                     yield f'{path.name}: {target}'
 
 
+@pytest.mark.long
 def test_every_link_and_anchor_leads_somewhere(
     pages: dict[Path, html.HtmlElement], tmp_path: Path
 ) -> None:
@@ -90,6 +91,7 @@ def test_every_link_and_anchor_leads_somewhere(
     assert sorted(lost({tmp_path / 'x.html': page})) == ['x.html: #b', 'x.html: no.png']
 
 
+@pytest.mark.long
 def test_nothing_is_loaded_from_the_network(pages: dict[Path, html.HtmlElement]) -> None:
     for path, page in pages.items():
         loaded = page.xpath('//@src | //link/@href')
@@ -109,6 +111,7 @@ def public_names() -> Iterator[str]:
                         yield f'{module}.{node.name}.{part.name}'
 
 
+@pytest.mark.long
 def test_every_public_name_is_in_the_reference(site: Path) -> None:
     inventory = InventoryFile.loads((site / 'objects.inv').read_bytes(), uri='')
     known = {name for kind, names in inventory.data.items() if kind[:3] == 'py:' for name in names}
@@ -119,6 +122,7 @@ def test_every_public_name_is_in_the_reference(site: Path) -> None:
     assert sorted(names - known) == []
 
 
+@pytest.mark.long
 def test_reference_shows_signatures_units_errors_and_sources(
     site: Path, pages: dict[Path, html.HtmlElement]
 ) -> None:
@@ -135,6 +139,7 @@ def test_reference_shows_signatures_units_errors_and_sources(
     assert 'def inverse_dynamics' in line
 
 
+@pytest.mark.long
 def test_commands_are_those_of_the_command_line(
     site: Path, pages: dict[Path, html.HtmlElement]
 ) -> None:
@@ -143,6 +148,7 @@ def test_commands_are_those_of_the_command_line(
     assert '--strip FILE' in words
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('path', EXAMPLES, ids=[path.stem for path in EXAMPLES])
 def test_an_example_is_short_and_has_a_law_and_a_picture(site: Path, path: Path) -> None:
     text = path.read_text('utf-8')
@@ -152,6 +158,7 @@ def test_an_example_is_short_and_has_a_law_and_a_picture(site: Path, path: Path)
     assert f'{path.stem}.html' in (site / 'docs' / 'examples' / 'index.html').read_text('utf-8')
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('path', NOTEBOOKS, ids=[path.stem for path in NOTEBOOKS])
 def test_a_notebook_is_executed_and_offered(site: Path, path: Path) -> None:
     (offered,) = site.glob(f'_downloads/*/{path.stem}.ipynb')
@@ -167,6 +174,7 @@ def test_a_notebook_is_executed_and_offered(site: Path, path: Path) -> None:
     assert {'text', 'image/png'} <= shown
 
 
+@pytest.mark.long
 def test_the_viewer_is_in_a_notebook(site: Path, pages: dict[Path, html.HtmlElement]) -> None:
     (frame,) = pages[site / 'docs' / 'notebooks' / 'first_flexible_arm.html'].xpath(
         '//iframe/@src'
@@ -174,6 +182,7 @@ def test_the_viewer_is_in_a_notebook(site: Path, pages: dict[Path, html.HtmlElem
     assert (site / 'docs' / 'notebooks' / frame).stat().st_size > 500_000
 
 
+@pytest.mark.long
 def test_formulas_are_mathml_and_words_can_be_searched(site: Path) -> None:
     assert '<math' in (site / 'docs' / 'dynamics.html').read_text('utf-8')
     index = (site / 'searchindex.js').read_text('utf-8')

@@ -43,6 +43,7 @@ def test_planted_faults_are_counted(package: Path) -> None:
     assert found['function lines: longest'] == 3
 
 
+@pytest.mark.long
 def test_the_package_is_counted(capsys: pytest.CaptureFixture[str]) -> None:
     assert main([]) == 0
     printed = capsys.readouterr().out

@@ -92,6 +92,7 @@ def test_stalled_disk_delays_nobody_and_losses_are_counted_by_topic(
     assert len(list(read_bag(tmp_path / 'run'))) == 102
 
 
+@pytest.mark.long_cases('100-1048576')
 @pytest.mark.parametrize(('number', 'room'), [(100, 1 << 20), (5000, 20_000)])
 def test_messages_put_together_are_kept_and_lost_as_one_by_one(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: int, room: int

@@ -24,6 +24,7 @@ def failing(item: object) -> dict[str, object]:
     raise AssertionError(f'{item} was to be left alone')
 
 
+@pytest.mark.long_cases('2')
 @pytest.mark.parametrize('workers', [0, 2])
 def test_every_item_has_a_row_and_bad_ones_say_why(tmp_path: Path, workers: int) -> None:
     store = RowStore(tmp_path / 'rows', COLUMNS)
@@ -44,6 +45,7 @@ class Watched(RowStore):
         super().append(row)
 
 
+@pytest.mark.long
 def test_nothing_is_imported_from_a_folder_that_others_made(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -100,6 +100,7 @@ def test_an_imu_is_calibrated_by_joints_that_are_measured_behind_springs(
     assert off['motor'] > 2.0 * off['link'], off  # read as of the motors
 
 
+@pytest.mark.long
 def test_what_is_missing_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     robot, silent = tmp_path / 'arm.urdf', tmp_path / 'silent.urdf'
     robot.write_text(arm())

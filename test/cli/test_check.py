@@ -14,6 +14,7 @@ from denoc_ros.cli.main import main
 from denoc_ros.dynamics.robot import load_robot
 
 
+@pytest.mark.long
 def test_every_shipped_robot_passes(repository: Path, capsys: pytest.CaptureFixture[str]) -> None:
     robots = sorted((repository / 'config' / 'robots').glob('*.urdf'))
     load_robot(robots[0])  # on a fresh machine this says that it compiles

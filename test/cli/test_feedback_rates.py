@@ -22,6 +22,7 @@ phases:
 LONG = 300.0  # s for a design, on a machine that is busy with others
 
 
+@pytest.mark.long_cases('{state: lqr}-1000.0-')
 @pytest.mark.parametrize(
     ('feedback', 'rate', 'says'),
     [

@@ -125,6 +125,7 @@ def test_apply_says_how_doubtful_modes_are_taken(
     assert 'got 1 doubtful: --doubtful takes them' in capsys.readouterr().err
 
 
+@pytest.mark.long
 def test_page_of_a_swing_that_says_little_is_written(tmp_path: Path) -> None:
     joint = [
         'identify',
@@ -200,6 +201,7 @@ def rung(
     return bag, truth
 
 
+@pytest.mark.long
 def test_applied_damping_is_what_rang(
     rung: tuple[Path, dict[str, list[float]]],
     repository: Path,

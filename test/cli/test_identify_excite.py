@@ -41,6 +41,7 @@ def said(folder: Path) -> str:
     return out.getvalue()
 
 
+@pytest.mark.long
 def test_a_scenario_drives_the_motion_within_its_limits(said: str, folder: Path) -> None:
     document = json.loads(said)
     motion = trajectory_from_config(read_yaml(folder / 'motion.yaml'), ['joint_1'])

@@ -58,6 +58,7 @@ def bag(tmp_path: Path) -> Path:
     return path
 
 
+@pytest.mark.long_cases('/told')
 @pytest.mark.parametrize('topic', ['/reference', '/told'])
 def test_servos_are_found_from_trajectories_and_from_streams(
     bag: Path, topic: str, capsys: pytest.CaptureFixture[str]
@@ -105,6 +106,7 @@ def written_table(path: Path, names: str, t: Array) -> None:
     path.write_text('\n'.join([names, *rows]))
 
 
+@pytest.mark.long_cases('Time (ms),j1/command,j1/position-options0')
 @pytest.mark.parametrize(
     ('names', 'options'),
     [

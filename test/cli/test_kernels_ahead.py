@@ -74,6 +74,7 @@ def from_kernels(tree: ast.AST) -> Iterator[tuple[str, str]]:
             yield modules[node.value.id], node.attr
 
 
+@pytest.mark.long
 def test_nothing_is_expected_once_all_are_compiled() -> None:
     wanted = warmup.kernels(loops=False, plans=False)
     warmup.compile_all(wanted)

@@ -58,6 +58,7 @@ def test_errors_become_a_message_and_a_status(
     assert capsys.readouterr().err == message
 
 
+@pytest.mark.long_cases('up')
 @pytest.mark.parametrize('verb', ['check', 'up'])
 def test_an_interrupt_in_code_from_a_string_is_one_like_any(tmp_path: Path, verb: str) -> None:
     """`python -m` itself ends by SIGINT once a plain KeyboardInterrupt came out of such code."""
@@ -125,6 +126,7 @@ def test_closed_pipe_is_quiet() -> None:
     assert 'Traceback' not in run.stderr
 
 
+@pytest.mark.long_cases('up-config/tip.yaml-rclpy')
 @pytest.mark.parametrize(
     ('verb', 'robot', 'lacks'),
     [('up', 'config/tip.yaml', 'rclpy'), ('view', 'config/robots/canadarm.urdf', 'viser')],

@@ -80,6 +80,7 @@ def write_joint_table(bag: Path, path: Path, pattern: str, separator: str = ',')
     return path
 
 
+@pytest.mark.long_cases('/joint_states/{joint}/{field}-options0', '{joint}_{field}-options1')
 @pytest.mark.parametrize(
     ('pattern', 'options'),
     [

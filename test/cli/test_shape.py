@@ -40,6 +40,7 @@ def shaped(
     return found
 
 
+@pytest.mark.long
 def test_a_scenario_simulates_the_plan(
     capsys: pytest.CaptureFixture[str], motion: Path, tmp_path: Path
 ) -> None:
@@ -74,6 +75,7 @@ def test_the_table_has_what_every_coordinate_does(
     assert np.abs(torque).max() == pytest.approx(told['largest_torque']['joint_1'], rel=0.02)
 
 
+@pytest.mark.long
 def test_the_page_sets_the_plan_beside_the_motion(
     capsys: pytest.CaptureFixture[str], motion: Path, tmp_path: Path
 ) -> None:

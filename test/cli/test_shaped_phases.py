@@ -102,6 +102,7 @@ phases: [{{name: shaped, shape: {{method: METHOD, tip: joint_5/parent}}}}]
 """
 
 
+@pytest.mark.long_cases('text1-tip')
 @pytest.mark.parametrize(('text', 'method'), [(GRIPPER, 'zv'), (FIVE_BAR, 'tip')])
 def test_mimic_joints_and_loops_follow_the_driven_joints(
     text: str, method: str, tmp_path: Path

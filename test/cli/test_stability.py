@@ -26,6 +26,7 @@ def pendulum(tmp_path: Path) -> Path:
     return robot
 
 
+@pytest.mark.long_cases('6.0-2')
 @pytest.mark.parametrize(('duration', 'status'), [(1.0, 0), (6.0, 2)])
 def test_status_says_whether_the_run_stays_with_the_solution(
     pendulum: Path, capsys: pytest.CaptureFixture[str], duration: float, status: int

@@ -36,6 +36,13 @@ def denoc(
 SHELLS = ['{} >&-', '{} >&- 2>&-', '{} | true', '{} > /dev/full']
 
 
+@pytest.mark.long_cases(
+    'command0-{} >&-',
+    'command1-{} >&- 2>&-',
+    'command2-{} | true',
+    'command3-{} > /dev/full',
+    'command8-{} > /dev/full',
+)
 @pytest.mark.parametrize(
     ('command', 'shell'),
     [
@@ -54,6 +61,7 @@ def test_output_that_nobody_takes_makes_no_traceback(
     assert not is_full or 'No space left on device' in ended.stderr
 
 
+@pytest.mark.long
 def test_a_terminal_without_the_character_gets_its_code(repository: Path, tmp_path: Path) -> None:
     text = (repository / ROBOT).read_text().replace('joint_1', 'joint_😀')
     robot = tmp_path / 'robot.urdf'
@@ -65,6 +73,7 @@ def test_a_terminal_without_the_character_gets_its_code(repository: Path, tmp_pa
     assert r'joint_\U0001f600' in ended.stdout
 
 
+@pytest.mark.long
 def test_a_limit_of_memory_is_one_line(repository: Path, tmp_path: Path) -> None:
     for limit in (300_000, 500_000, 700_000):  # KiB
         shell = f'ulimit -v {limit}; {{}}'

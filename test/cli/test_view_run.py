@@ -22,6 +22,7 @@ from denoc_ros.cli.view import open_run
 GRAVITY = ['--gravity', '0', '-9.81', '0']
 
 
+@pytest.mark.long
 def test_film_and_strip_come_out_of_one_command(
     simulated_bag: SimulatedBag, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -118,6 +119,7 @@ def test_a_film_needs_a_run_and_a_run_a_robot(
     assert 'bag must hold the robot where --robot is not given' in capsys.readouterr().err
 
 
+@pytest.mark.long
 def test_the_report_of_a_run_shows_how_it_moved(
     simulated_bag: SimulatedBag, tmp_path: Path
 ) -> None:

@@ -78,6 +78,7 @@ def test_biases_are_found() -> None:
     assert np.abs(np.array(biases) / deviations).max() > 1.0
 
 
+@pytest.mark.long
 def test_dying_imu_leaves_the_plan_alone_and_comes_back() -> None:
     loop = loop_of('', 4.0, 0.1, **SLOW)
     begin, end = 2.0, 2.4
@@ -113,6 +114,7 @@ def test_pauses_do_not_lose_the_robot() -> None:
     assert run.after(3.0) < 0.005
 
 
+@pytest.mark.long
 def test_a_pause_with_imus_alone_does_not_lose_the_robot() -> None:
     loop = loop_of('', 4.0, 0.1, **SLOW)
     loop.away = {1.5: 0.02, 2.5: 0.1}

@@ -130,6 +130,7 @@ def test_gauge_that_jumps_moves_the_torque_slowly_and_within_the_joints_reach(si
     assert (np.abs(torques) <= most + 1e-9).all()
 
 
+@pytest.mark.long
 def test_right_numbers_with_other_modes_keep_the_tip() -> None:
     planned = tip_exact(4.0, 0.3, described())
     truth = canadarm(source=described(modes=4))
@@ -174,6 +175,7 @@ def test_errors_of_stiffness_and_load_at_once_are_found_on_the_way() -> None:
     )
 
 
+@pytest.mark.long
 def test_beams_that_turn_too_little_under_moments_are_found_on_the_way() -> None:
     planned = tip_exact(10.0, 1.0, described())
     feedback = StateFeedback(planned.robot, planned.schedule())
@@ -345,6 +347,7 @@ def test_gauge_that_turns_over_where_strain_changes_sign_does_not_lose_the_arm()
     assert run.error.max() < 0.01
 
 
+@pytest.mark.long
 def test_gauge_that_sticks_where_strain_changes_sign_teaches_nothing_wrong() -> None:
     planned, schedule = quick()
     loop = Loop(planned, canadarm(source=described()), StateFeedback(planned.robot, schedule))

@@ -51,6 +51,7 @@ def plain(robot: dn.Robot) -> float:
 
 
 # found: 0.2 % (0.4 to 5.5 % on other arms), 0.1 %, 4.3 % (5 % by design), 0.01 %
+@pytest.mark.long_cases('rest_to_rest-0.02')
 @pytest.mark.parametrize(
     ('method', 'most'), [('zv', 0.055), ('zvd', 0.029), ('ei', 0.072), ('rest_to_rest', 0.02)]
 )

@@ -62,6 +62,7 @@ def test_a_flexible_arm_is_a_fifth_faster_than_stretched_as_a_whole(
     assert np.abs(plan.qd[[0, -1]]).max() < 1e-15
 
 
+@pytest.mark.long_cases('0.008')
 @pytest.mark.parametrize('step', [0.008, 0.02])
 def test_the_least_time_does_not_depend_on_the_grid(
     canadarm: dn.Robot, plan: dn.Plan, step: float
@@ -100,6 +101,7 @@ def test_a_path_from_a_straight_arm_has_one_least_time(
         assert max(plan.limits.largest.values()) <= 1.001
 
 
+@pytest.mark.long
 def test_a_timing_of_more_pieces_follows_fast_modes() -> None:
     """By torques alone the least time drives the links' second modes to and fro."""
     arm = dn.load_robot(ROBOTS / 'two_link_ff.urdf', gravity=(0, 0, 0))
@@ -268,6 +270,7 @@ def test_what_has_no_motion_in_minimum_time_is_told(given: dict[str, Any], messa
         dn.shape_motion(arm, TIMES, q, time='minimum', **options)
 
 
+@pytest.mark.long_cases('joint_22-two_link_rr')
 @pytest.mark.parametrize('robot', ['two_link_rr', 'two_link_ff'])
 @pytest.mark.parametrize(
     'joint_2',

@@ -20,6 +20,7 @@ def two_links() -> Robot:
     return dn.load_robot('config/robots/two_link_ff.urdf', gravity=(0, -9.81, 0))
 
 
+@pytest.mark.long_cases('rest_to_rest')
 @pytest.mark.parametrize('method', ['zv', 'zvd', 'ei', 'rest_to_rest'])
 def test_plan_is_consistent_and_ends_quietly(method: str) -> None:
     robot = two_links()

@@ -34,6 +34,7 @@ def levelled() -> Robot:
     return dn.load_robot(text.replace('<flexibility', WRIST + '<flexibility', 1), (0, -9.81, 0))
 
 
+@pytest.mark.long_cases('rest_to_rest')
 @pytest.mark.parametrize('method', ['zv', 'zvd', 'ei', 'rest_to_rest'])
 def test_followers_follow_and_their_torque_is_the_leaders(method: str) -> None:
     robot = levelled()

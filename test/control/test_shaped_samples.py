@@ -45,6 +45,7 @@ def test_two_modes_leave_a_twentieth_of_the_swing(
         assert left <= most * plain, f'{method}: {left / plain}'
 
 
+@pytest.mark.long
 def test_adaptive_simulation_agrees() -> None:
     robot = two_links()
     t, q = asked(*MOTIONS[0])

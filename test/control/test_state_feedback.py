@@ -68,6 +68,7 @@ def test_lost_gauge_values_cost_little() -> None:
     assert (lossy.share[1000:] == 1.0).all()
 
 
+@pytest.mark.long
 def test_robot_that_was_let_go_in_the_middle_is_caught_again() -> None:
     loop = closed(tip_exact(), canadarm(0.9, 1.2))
     loop.gone = (3.5, 3.7)
@@ -77,6 +78,7 @@ def test_robot_that_was_let_go_in_the_middle_is_caught_again() -> None:
     assert run.error[-1000:].max() < 0.02
 
 
+@pytest.mark.long
 def test_pauses_of_the_loop_do_not_lose_the_robot() -> None:
     planned = tip_exact(4.0, 0.3)
     loop = closed(planned, canadarm(0.9, 1.2))
@@ -87,6 +89,7 @@ def test_pauses_of_the_loop_do_not_lose_the_robot() -> None:
     assert (run.share[1000:] == 1.0).all()
 
 
+@pytest.mark.long
 def test_pauses_of_a_tenth_of_a_second_do_not_lose_the_robot() -> None:
     loop = closed(tip_exact(4.0, 0.3), canadarm(0.9, 1.2))
     # moving fast, moving slowly, and at the end, where errors of the model show no more
@@ -135,6 +138,7 @@ def test_loop_that_is_slow_for_long_lets_go_and_takes_up_again(
     assert run.after(3.0) < 0.001
 
 
+@pytest.mark.long
 def test_feedback_comes_back_to_a_robot_that_has_drifted_meanwhile() -> None:
     planned = tip_exact(4.0, 0.3)
     loop = closed(planned, canadarm(0.9, 1.2))

@@ -61,6 +61,7 @@ def test_loops_stay_closed_in_the_plan(platform: tuple[dn.Robot, Plan]) -> None:
     assert plan.torque.shape == (len(plan.t), 3)
 
 
+@pytest.mark.long
 def test_the_five_bar_brings_its_pin_where_it_should_be() -> None:
     rigid, robot = loaded('five_bar_rrrr', 0.0), loaded('five_bar_ffff', 0.0)
     start = rigid.assemble([1.884956, -1.256637, 1.256637, 1.256637])

@@ -166,6 +166,7 @@ def test_a_stretched_start_needs_no_wild_joints(canadarm: dn.Robot) -> None:
     assert np.abs(plan.qd[:, canadarm.joint_indices]).max() < 0.25  # asked for: 0.2 rad/s
 
 
+@pytest.mark.long
 def test_the_straight_arm_of_the_book_does_without_noise() -> None:
     """Section 4.2 starts with all joints at zero: few directions are open, so some error stays."""
     robot = dn.load_robot(ROBOTS / 'ssrms.urdf', gravity=(0, 0, 0))
@@ -234,6 +235,7 @@ def test_bad_options_are_refused(
         dn.shape_motion(canadarm, TIMES, CANADARM(TIMES), **given)
 
 
+@pytest.mark.long
 def test_a_motion_that_has_no_bounded_plan_says_what_is_left(canadarm: dn.Robot) -> None:
     fast = TIMES[::10] / 20.0
     asked = CANADARM(20.0 * fast)

@@ -133,6 +133,7 @@ def test_a_claim_of_a_process_that_stands_still_holds_nobody_for_long(
     assert time.monotonic() - begin > 0.2
 
 
+@pytest.mark.long
 def test_a_claim_of_a_process_at_work_is_kept_however_long_it_takes(
     kernel_folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -195,6 +196,7 @@ def wait_until(true: Callable[[], bool]) -> None:
         time.sleep(0.01)
 
 
+@pytest.mark.long
 def test_a_command_is_interrupted_while_it_compiles(tmp_path: Path) -> None:
     command = [sys.executable, '-m', 'denoc_ros.cli.main', 'warmup']
     environment = {**os.environ, 'NUMBA_CACHE_DIR': str(tmp_path)}

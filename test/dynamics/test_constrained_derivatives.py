@@ -48,6 +48,7 @@ def driving(robot: Robot, q: Array, count: int) -> tuple[str, ...]:
     raise AssertionError('joints must be found that drive the mechanism')
 
 
+@pytest.mark.long_cases('revolute', 'prismatic', 'universal', 'fixed')
 @pytest.mark.parametrize('kind', LOOPS)
 def test_forward_derivatives_equal_the_oracle(close: Close, kind: str) -> None:
     c = closed(kind)
@@ -63,6 +64,7 @@ def test_forward_derivatives_equal_the_oracle(close: Close, kind: str) -> None:
         close(T.T @ value, expected, RELATIVE)
 
 
+@pytest.mark.long_cases('revolute', 'prismatic', 'universal', 'fixed')
 @pytest.mark.parametrize('kind', LOOPS)
 def test_hybrid_and_inverse_derivatives_equal_the_oracle(close: Close, kind: str) -> None:
     c = closed(kind)
@@ -87,6 +89,7 @@ def test_hybrid_and_inverse_derivatives_equal_the_oracle(close: Close, kind: str
         close(T.T @ value, wanted_rows, RELATIVE)
 
 
+@pytest.mark.long_cases('revolute', 'prismatic', 'universal', 'fixed')
 @pytest.mark.parametrize('kind', LOOPS)
 def test_inverse_derivatives_take_back_forward_ones_of_the_oracle(close: Close, kind: str) -> None:
     c = closed(kind)

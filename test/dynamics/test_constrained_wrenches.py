@@ -87,6 +87,7 @@ def test_wrenches_act_as_the_forces_they_make(close: Close, kind: str) -> None:
         close(value, expected, ALIKE)
 
 
+@pytest.mark.long_cases('revolute', 'fixed')
 @pytest.mark.parametrize('kind', KINDS)
 def test_forward_derivatives_of_loops_take_wrenches(close: Close, kind: str) -> None:
     c = closed(kind)
@@ -106,6 +107,7 @@ def test_forward_derivatives_of_loops_take_wrenches(close: Close, kind: str) -> 
     assert np.abs(without.dqdd_dq - found.dqdd_dq).max() > 1e-4 * np.abs(found.dqdd_dq).max()
 
 
+@pytest.mark.long_cases('revolute', 'fixed')
 @pytest.mark.parametrize('kind', KINDS)
 def test_hybrid_and_inverse_derivatives_of_loops_take_wrenches(close: Close, kind: str) -> None:
     c = closed(kind)

@@ -40,6 +40,7 @@ def agree(result: tuple[Array, Array, Array], expected: tuple[Array, Array, Arra
         np.testing.assert_allclose(value, wanted, rtol=0, atol=RELATIVE * scale)
 
 
+@pytest.mark.long
 @law(12)
 @given(text=robots(), seed=seeds, geometric=st.booleans())
 def test_inverse_derivatives_are_those_of_lagranges_equations(
@@ -91,6 +92,7 @@ def test_more_modes_than_lanes_have_exact_derivatives(twist: int) -> None:
     agree(result, inverse_derivatives(oracle, s.q, s.qd, s.qdd))
 
 
+@pytest.mark.long
 @law(8)
 @given(text=robots(4), seed=seeds)
 def test_wrenches_have_their_share(text: str, seed: int) -> None:

@@ -33,6 +33,7 @@ def frequencies(K: Array, I: Array) -> Array:
     return np.asarray(np.sign(squares) * np.sqrt(np.abs(squares)) / (2 * np.pi))
 
 
+@pytest.mark.long
 @law(12)
 @given(text=robots(most=3), seed=seeds)
 def test_natural_frequencies_are_of_the_linearization(text: str, seed: int) -> None:

@@ -54,6 +54,7 @@ def wrenches_on(robot: Robot, seed: int) -> dict[str, Array]:
     return {frame: rng.uniform(-30, 30, 6) for frame in list(robot.tree.frames)[::2]}
 
 
+@pytest.mark.long_cases('0', '3')
 @pytest.mark.parametrize('seed', range(4))
 def test_forward_derivatives_take_wrenches(close: Close, seed: int) -> None:
     robot, oracle = pair(seeded_robot(seed, 4))
@@ -87,6 +88,7 @@ def hybrid_expected(
     )
 
 
+@pytest.mark.long_cases('True-1', 'True-3', 'True-5', 'False-1', 'False-3')
 @pytest.mark.parametrize('seed', range(6))
 @pytest.mark.parametrize('all_joints', [True, False])
 def test_hybrid_derivatives_solve_the_dense_equation(

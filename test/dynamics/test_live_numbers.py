@@ -87,6 +87,7 @@ def require_same(found: Robot, wanted: Robot) -> None:
         np.testing.assert_allclose(value, others[path], rtol=1e-11, err_msg=path)
 
 
+@pytest.mark.long_cases('segments', 'springs')
 @pytest.mark.parametrize('name', ROBOTS)
 def test_the_robot_is_that_of_the_changed_description(name: str) -> None:
     robot = ROBOTS[name]()

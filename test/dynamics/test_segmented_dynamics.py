@@ -80,6 +80,7 @@ def test_the_cable_s_tip_falls_as_that_of_a_finer_one() -> None:
     assert fine < 0.01
 
 
+@pytest.mark.long
 def test_single_link_swings_over_ten_seconds_as_finite_segments_do() -> None:
     text = planar_chain(SINGLE_LINK, 2).replace('shape="clamped-free"', 'segments="4"')
     robot = dn.load_robot(text, gravity=(0.0, 0.0, 0.0))

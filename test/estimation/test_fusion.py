@@ -28,6 +28,7 @@ from denoc_ros.estimation.observer import Observer
 from denoc_ros.estimation.observer_settings import ObserverSettings
 
 
+@pytest.mark.long_cases('ssrms')
 @pytest.mark.parametrize('name', ['canadarm', 'ssrms'])
 def test_right_model_with_gauges_errs_by_less_than_a_hundredth(name: str) -> None:
     data = record(name, True)
@@ -38,6 +39,7 @@ def test_right_model_with_gauges_errs_by_less_than_a_hundredth(name: str) -> Non
     assert counts == {'accepted': data.gauges.size}
 
 
+@pytest.mark.long_cases('ssrms')
 @pytest.mark.parametrize('name', ['canadarm', 'ssrms'])
 def test_gauges_mend_a_wrong_model(name: str) -> None:
     data = record(name, False)
@@ -55,6 +57,7 @@ def test_gauges_mend_a_wrong_model(name: str) -> None:
     assert (left[large] / shown[large] > 0.02).all()
 
 
+@pytest.mark.long_cases('ssrms-True')
 @pytest.mark.parametrize('known', [True, False])
 @pytest.mark.parametrize('name', ['canadarm', 'ssrms'])
 def test_horizon_along_the_reference(name: str, known: bool) -> None:
@@ -93,6 +96,7 @@ def text_of(root: Any) -> str:
     return ''.join(etree.tostring(root, encoding='unicode').split())
 
 
+@pytest.mark.long_cases('15-1-joints-0.01', '0-1-torque-0.01')
 @pytest.mark.parametrize(
     ('late', 'every', 'source', 'bound'),
     [(15, 1, 'joints', 0.01), (0, 1, 'torque', 0.01), (7, 20, 'joints', 0.03)],

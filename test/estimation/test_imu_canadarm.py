@@ -74,6 +74,7 @@ def measured(
     return noisy
 
 
+@pytest.mark.long_cases('root')
 @pytest.mark.parametrize('gauges', ['', 'root'])
 def test_imus_mend_a_wrong_model(gauges: str) -> None:
     run, robot = truth(), arm(gauges)
@@ -124,6 +125,7 @@ def errors(gauges: str, begin: int, seed: int = SEED) -> Array:
     return off
 
 
+@pytest.mark.long_cases('-2-0.01', '-4-0.01', 'root-3-0.005')
 @pytest.mark.parametrize(
     ('gauges', 'seed', 'reach'),
     [('', 2, 0.01), ('', 4, 0.01), ('', 8, 0.01), ('root', 3, 0.005)],

@@ -95,6 +95,7 @@ def test_an_imu_mends_a_soft_boom_and_its_biases_are_found(run: Run) -> None:
     assert sum(counts['outlier'] for counts in fusion.counts) < 0.01 * 6 * len(run.t)
 
 
+@pytest.mark.long
 def test_values_that_come_late_count_less(run: Run) -> None:
     alone, soon = error(run, observe(run, False)[1]), error(run, observe(run, True)[1])
     assert soon < error(run, observe(run, True, late=2)[1]) < 0.7 * alone

@@ -86,6 +86,7 @@ def test_stiffness_is_found_beside_the_payload() -> None:
     assert np.allclose(found, [TRUE, *soft.values()], rtol=0.04)  # 1.5 % with this noise
 
 
+@pytest.mark.long
 def test_nothing_drifts_at_rest() -> None:
     """Two minutes of joint states at 33 Hz: noise and an offset of every channel move nothing."""
     few = simulated(arm(), resting(3), 1.0, 3e-2)
@@ -105,6 +106,7 @@ def test_nothing_drifts_at_rest() -> None:
     assert tracker.cause == 'nothing moves that shows the parameters'
 
 
+@pytest.mark.long
 def test_a_found_payload_stays_at_rest() -> None:
     swung = swinging(3)
 

@@ -63,6 +63,7 @@ def estimated(run: Run, fuse: bool) -> Array:
     return np.array(tips)
 
 
+@pytest.mark.long
 def test_deflections_mend_a_soft_boom(run: Run) -> None:
     robot = boom()
     true = robot.tip_deflection('strip', run.q)[:, :2]

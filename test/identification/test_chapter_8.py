@@ -44,6 +44,7 @@ def test_critical_and_joint_damping_of_the_pendulum_are_as_printed(
     assert round(critical * printed['damping_ratio'], 4) == printed['joint_damping']
 
 
+@pytest.mark.long
 def test_pendulum_swings_at_the_printed_frequency_and_gives_its_damping_back(
     repository: Path, experiments: dict[str, Any]
 ) -> None:

@@ -89,6 +89,7 @@ def test_other_stamps_and_a_resting_input_are_refused() -> None:
         fit_forced(Record(torque.t, np.zeros(torque.t.size)), response)
 
 
+@pytest.mark.long
 def test_flexible_arm_has_two_strong_modes() -> None:
     table = loadmat(FLEXIBLE_ARM)['robot_arm_dat']
     # the rate is not stated: the stamps count samples

@@ -14,6 +14,7 @@ from denoc_ros.studies.selftest import Defects, Truth, synthetic_decay
 CHANCE = 1e-5  # that estimators which are as honest as promised fail
 
 
+@pytest.mark.long
 def test_deviation_covers_the_truth_over_repeats() -> None:
     seed = int(np.random.SeedSequence().generate_state(1)[0])
     away = []

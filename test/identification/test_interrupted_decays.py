@@ -24,6 +24,7 @@ DRAWS = 240
 ENDS_LATE, BEGINS_EARLY = 0.1, 0.5  # cycles: on this side of the excitation that is left out
 
 
+@pytest.mark.long
 def test_a_window_ends_before_the_next_excitation() -> None:
     """Steps up and down and blows, a fifth to five times what is left, until the last cycle.
 
@@ -50,6 +51,7 @@ def test_a_window_before_an_excitation_is_hardly_shortened() -> None:
             assert window.t[-1] > drawn.second - 2.0 / drawn.frequency, seed
 
 
+@pytest.mark.long_cases('quadratic', 'hardening')
 @pytest.mark.parametrize('kind', WITHOUT)
 def test_a_decay_without_another_excitation_is_taken_whole(kind: object) -> None:
     assert callable(kind)

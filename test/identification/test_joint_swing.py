@@ -59,6 +59,7 @@ def test_coulomb_friction_takes_the_same_off_each_half_swing() -> None:
     np.testing.assert_allclose(np.diff(crests), -2.0 * coulomb / stiffness, rtol=1e-5)
 
 
+@pytest.mark.long
 def test_viscous_and_coulomb_terms_are_told_apart() -> None:
     fit = fit_joint(measured_swing(0.01, 0.02), gravity_torque=GRAVITY)
     assert fit.terms == ('viscous', 'coulomb')
@@ -94,6 +95,7 @@ def test_record_that_does_not_swing_is_refused() -> None:
         fit_joint(Record(t, np.exp(-5.0 * t)))
 
 
+@pytest.mark.long
 def test_coulomb_and_quadratic_terms_are_found_without_a_viscous_one() -> None:
     fit = fit_joint(measured_swing(0.0, 0.02, quadratic=0.004), gravity_torque=GRAVITY)
     assert fit.terms == ('coulomb', 'quadratic')
@@ -111,6 +113,7 @@ def servo_swing(begin: float) -> tuple[Record, float]:
     return Record(t, y), raw['mass'] * 9.81 * raw['length']
 
 
+@pytest.mark.long_cases('2.3', '2.8')
 @pytest.mark.parametrize('begin', [2.3, 2.8, 3.0])
 def test_terms_are_told_from_zero_or_left_out(begin: float) -> None:
     record, torque = servo_swing(begin)

@@ -13,6 +13,7 @@ from denoc_ros.studies.selftest import CONDITIONS, jobs, measure, selftest, tabl
 CHANCE = 1e-6
 
 
+@pytest.mark.long
 def test_estimators_are_as_good_as_promised() -> None:
     seed = int(np.random.SeedSequence().generate_state(1)[0])
     # one record of each case under each condition

@@ -48,6 +48,7 @@ def test_truth_is_found_without_noise(truth: tuple[float, float, float]) -> None
     assert fit.verdict == 'good'
 
 
+@pytest.mark.long
 def test_intervals_hold_the_truth_as_often_as_they_say() -> None:
     truth = 5.0, 0.5, 0.004
     held = np.zeros(3)
@@ -120,6 +121,7 @@ def test_an_arm_that_stops_short_has_a_static_gain() -> None:
     assert any('stops 37 % short of its commands' in reason for reason in fit.reasons)
 
 
+@pytest.mark.long
 def test_runs_of_a_rough_arm_agree_and_tell_its_lag() -> None:
     """Five runs that repeat were all not identifiable, with intervals beyond zero."""
     runs = [rough_run(seed) for seed in range(5)]

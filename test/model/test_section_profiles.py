@@ -43,6 +43,7 @@ def lying(y: float, z: float, turn: float) -> Loop:
     return tuple((float(a) + 0.1, float(b) - 0.2) for a, b in corners)
 
 
+@pytest.mark.long_cases('0.0', '-0.7')
 @pytest.mark.parametrize('turn', [0.0, 0.3, -0.7])
 def test_a_rectangle_has_its_closed_forms_however_it_lies(turn: float) -> None:
     found, closed = profile_section((lying(0.04, 0.01, turn),)), rectangle_section(0.04, 0.01)
@@ -133,6 +134,7 @@ def test_a_polygon_is_the_rectangle_that_it_is(stations: bool) -> None:
     )
 
 
+@pytest.mark.long
 def test_a_file_beside_the_description_is_found_and_an_override_keeps_the_turn(
     tmp_path: Path,
 ) -> None:
@@ -156,6 +158,7 @@ def test_a_file_beside_the_description_is_found_and_an_override_keeps_the_turn(
     )
 
 
+@pytest.mark.long
 def test_warping_that_held_ends_would_stop_is_told() -> None:
     thin = box(-0.03, -0.03, 0.03, 0.03).difference(box(-0.029, -0.029, 0.029, 0.0301))
     found = profile_section((loop_of(thin),))

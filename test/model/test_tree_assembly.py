@@ -202,6 +202,7 @@ def test_text_and_file_give_the_same_tree(tmp_path: Path, arm_text: str) -> None
         assert tree.source.startswith('<?xml')
 
 
+@pytest.mark.long
 def test_a_long_chain_loads() -> None:
     count = 3000
     parts = [link(f'l{i}') for i in range(count)]

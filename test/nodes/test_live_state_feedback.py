@@ -210,6 +210,7 @@ def steps(torques: np.ndarray, before: np.ndarray) -> float:
     return float(np.abs(np.diff(np.vstack((before, torques)), axis=0)).max())
 
 
+@pytest.mark.long_cases('change0-True', 'change1-False', 'change2-False')
 @pytest.mark.parametrize(
     ('change', 'ends'),
     [

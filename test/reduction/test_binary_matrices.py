@@ -124,6 +124,7 @@ def test_what_an_output2_file_lacks_is_told(
         read_matrices(bad, None, None)
 
 
+@pytest.mark.long
 def test_rows_of_ansys_are_the_beam_s() -> None:
     """A clamped bar of 5 x 1 x 1: bending (sheared by 2 %), torsion and stretch of bars."""
     rows, (stiffness, mass), constrained = ansys_matrices(Path(examples.fullfile))
@@ -142,6 +143,7 @@ def test_rows_of_ansys_are_the_beam_s() -> None:
     assert np.abs(found / stretch - 1.0).min() < 0.015
 
 
+@pytest.mark.long
 def test_nodes_of_an_ansys_result_are_the_body_s(monkeypatch: pytest.MonkeyPatch) -> None:
     file = Path(examples.fullfile)
     keys, both, _ = ansys_matrices(file)
@@ -172,6 +174,7 @@ def test_a_bad_output2_file_is_told(
         read_matrices(tmp_path / 'both.op4', None, None if nodes is None else str(nodes))
 
 
+@pytest.mark.long
 def test_bad_ansys_files_are_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     file = Path(examples.fullfile)
     with pytest.raises(ModelError, match=r'nodes must be given, got none: --nodes FILE\.rst'):

@@ -78,6 +78,7 @@ def stl(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return file
 
 
+@pytest.mark.long
 def test_meshed_block_bends_as_timoshenkos_beam(stl: Path, tmp_path: Path) -> None:
     """Exudyn's check: 1 N at the tip of 400 x 8 x 4 mm; linear tetrahedra lack 10 % at 2 mm."""
     options = ('--units', 'mm', *MATERIAL, *TIP, '--edge', '0.004', '--no-coarser', '--json')
@@ -261,6 +262,7 @@ def test_formats_of_other_programs_give_the_same_link(calculix: Path, tmp_path: 
     assert first[-1] == pytest.approx(first[0], rel=1e-9)
 
 
+@pytest.mark.long
 def test_link_of_a_urdf_takes_mesh_scale_joints_and_mass(
     stl: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -43,6 +43,7 @@ def run() -> Run:
     return dn.simulate(robot, q, qd, times, prescribed=laws, rtol=1e-7, atol=1e-9)
 
 
+@pytest.mark.long
 def test_a_floating_robot_is_replayed_on_its_recorded_base(tmp_path: Path, run: Run) -> None:
     robot, bag, output = afloat(), tmp_path / 'run.mcap', tmp_path / 'replay.mcap'
     write_run(run, robot, bag, robot.tree.source)

@@ -47,6 +47,7 @@ def simulated(robot: Path, scenario: str, tmp_path: Path) -> str:
     return page.read_text()
 
 
+@pytest.mark.long
 def test_simulation_conserves_what_its_page_says(repository: Path, tmp_path: Path) -> None:
     robot = repository / 'config' / 'robots' / 'rigid_pendulum.urdf'
     page = simulated(robot, FALL, tmp_path)
@@ -63,6 +64,7 @@ def test_simulation_conserves_what_its_page_says(repository: Path, tmp_path: Pat
     assert found['closure_error'] is None
 
 
+@pytest.mark.long
 def test_page_of_a_mechanism_says_how_its_loops_close(repository: Path, tmp_path: Path) -> None:
     robot = repository / 'config' / 'robots' / 'four_bar_rrr.urdf'
     page = simulated(robot, FOUR_BAR_FALL, tmp_path)
@@ -82,6 +84,7 @@ def test_one_page_is_not_of_many_runs(
     assert 'the page is of one run, got --vary' in capsys.readouterr().err
 
 
+@pytest.mark.long
 def test_page_of_a_swing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     t = np.arange(300) * 0.02
     angle: Array = 0.3 * np.exp(-0.3 * t) * np.cos(2.0 * np.pi * t)

@@ -111,6 +111,7 @@ def test_the_pace_of_simulated_phases_is_said(
     assert (f'time    {said}' in list(summary_lines(made.summary))) == (mode == 'simulated')
 
 
+@pytest.mark.long
 def test_reports_need_no_command_line(tmp_path: Path) -> None:
     script = (
         'import sys; import denoc_ros.reports.run; '

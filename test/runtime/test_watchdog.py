@@ -32,6 +32,9 @@ watchdog.stop()
 """
 
 
+@pytest.mark.long_cases(
+    'turns-0-', 'compiles-0-compiled\\n', 'compiles and hangs-1-compiled\\nsaved\\n'
+)
 @pytest.mark.parametrize(
     ('does', 'status', 'said'),
     [

@@ -131,6 +131,7 @@ def test_flexible_canadarm_strays_significantly() -> None:
     np.testing.assert_allclose(peaks, [0.152, 0.0449], rtol=0.02)
 
 
+@pytest.mark.long
 def test_slow_canadarm_hardly_needs_geometric_stiffness() -> None:
     """The book leaves it out there (section 3.10.2); this is what that costs."""
     robot, run, _ = undamped_canadarm()

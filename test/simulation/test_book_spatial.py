@@ -56,6 +56,7 @@ def test_stanford_arm_with_its_prismatic_joint_follows_its_inverse_dynamics() ->
     assert run.q[-1, slide] == pytest.approx(0.3 * np.pi - 0.5 * np.sin(0.6 * np.pi), abs=1e-8)
 
 
+@pytest.mark.long
 def test_flexible_second_link_carries_the_stanford_arm_off() -> None:
     model, forced = shipped('stanford_flexible', 'stanford_forced')
     run = forced.run(model)

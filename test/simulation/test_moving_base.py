@@ -20,6 +20,7 @@ def rolling(k: int, t: float) -> tuple[float, float, float]:
     return size * s, size * w * c, -size * w * w * s
 
 
+@pytest.mark.long
 def test_run_equals_that_on_six_prescribed_joints() -> None:
     robot, carried, root = pair('two_link_ff', GRAVITY)
     start = np.zeros(robot.n)

@@ -123,6 +123,7 @@ def test_rigid_canadarm_follows_its_inverse_dynamics_torques() -> None:
     np.testing.assert_allclose(run.torque, torques, rtol=0.0, atol=1e-5)
 
 
+@pytest.mark.long_cases('4-0.0037-0.001')
 @pytest.mark.parametrize(
     ('modes', 'angle', 'deflection'), [(2, 8.0e-3, 4.8e-3), (4, 3.7e-3, 1.0e-3)]
 )

@@ -68,6 +68,7 @@ def test_work_of_the_torque_is_the_gain_of_energy(arm: dn.Robot) -> None:
     assert total[-1] - total[0] == pytest.approx(work, rel=1e-4)  # trapezoids of 0.25 ms
 
 
+@pytest.mark.long
 def test_prescribed_joint_moves_as_prescribed_and_its_torque_reproduces_the_motion(
     arm: dn.Robot,
 ) -> None:

@@ -76,6 +76,7 @@ def test_mp4_has_a_frame_per_time_and_moves(
     assert share_that_differs(pictures[0], pictures[-1]) > 0.005
 
 
+@pytest.mark.long
 def test_phases_beside_each_other_are_in_step(tmp_path: Path) -> None:
     """Phases of 2 and 3 s that begin alike: halves are equal at first, later they are not."""
     robot, path = load_robot(two_links()), tmp_path / 'phases.mcap'

@@ -89,6 +89,7 @@ def set_number(tab: Tab, label: str, value: float) -> None:
     tab.locator(place).press('Enter')
 
 
+@pytest.mark.long
 def test_page_draws_bends_and_scrubs(browser: Browser, page: Page) -> None:
     tab = browser.new_page(viewport=WINDOW)  # type: ignore[arg-type]
     problems: list[str] = []

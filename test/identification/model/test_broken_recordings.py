@@ -80,6 +80,7 @@ def damaged(whole: Recording, draw: np.random.Generator) -> Recording:
     )
 
 
+@pytest.mark.long_cases('0', '2', '3')
 @pytest.mark.parametrize(
     'seed', [*range(4), *(pytest.param(seed, marks=pytest.mark.long) for seed in range(4, 20))]
 )

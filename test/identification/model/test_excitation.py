@@ -163,6 +163,7 @@ def identified(arm: Robot, motion: Motion) -> IdentifiedModel:
     )
 
 
+@pytest.mark.long
 def test_intervals_are_half_of_those_after_the_motion_of_the_book(
     arm: Robot, motion: Excitation
 ) -> None:

@@ -43,6 +43,7 @@ def only(run: Recording, sensors: tuple[str, ...], poses: tuple[str, ...] = ()) 
     )
 
 
+@pytest.mark.long
 def test_an_imu_alone_tells_stiffness_its_biases_gains_and_delay(
     arm: Robot, run: Recording
 ) -> None:
@@ -64,6 +65,7 @@ def test_an_imu_alone_tells_stiffness_its_biases_gains_and_delay(
     assert found.verdict['sensor.imu.gain.gyro_x'] == 'not identifiable'
 
 
+@pytest.mark.long
 def test_a_tracked_tip_tells_stiffness_its_axes_and_delay(arm: Robot, run: Recording) -> None:
     t, poses = run.poses['tool']
     moved = poses.copy()

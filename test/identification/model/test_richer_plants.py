@@ -47,6 +47,7 @@ def test_rigidity_of_links_with_right_shapes_is_theirs(arm: Robot, run: Recordin
         assert found.values[path] == pytest.approx(truth, rel=0.02)
 
 
+@pytest.mark.long
 def test_rigidity_that_mends_wrong_shapes_is_doubtful(arm: Robot, run: Recording) -> None:
     """Clamped-free shapes turn too little at the tip: a softer link mends some of that."""
     found = dn.identify_model(off(arm, 'clamped-free'), run, list(TRUTH))

@@ -52,6 +52,7 @@ def test_values_behind_a_filter_are_those_of_its_differential_equation(jitter: f
     np.testing.assert_allclose(still, 0.3, rtol=0, atol=1e-9)
 
 
+@pytest.mark.long
 def test_stiffness_is_found_from_filtered_readings_if_the_filter_is_known(rig: dn.Robot) -> None:
     path = 'beam.link_1.y.ei'
     truth = {path: 3.5}
