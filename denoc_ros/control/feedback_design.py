@@ -107,9 +107,10 @@ class PostureGains:
         Nothing feeds it back, so it may trust the model and the sensors more.
     surprise : (measured, measured) array
         Covariance of the innovations of that estimate.
-    by_errors : (errors, 2 m, 2 m + past + joints) array
+    by_errors : (2 errors, 2 m, 2 m + past + joints) array
         Change of what y, the torques on their way and the new one make of y over a period, by
-        unit errors of the model; zero where the filter does not follow them.
+        unit errors of the model, then by their squares; zero where the filter does not follow
+        them.
     unit : (2 m,) array
         Deviations that are as likely as one another where an estimate begins: bent by as much
         energy.
@@ -132,7 +133,7 @@ class PostureGains:
 
     def with_errors(self, errors: Array) -> tuple[Array, Array]:
         """Return `transition` and `push` of a robot with errors of the model (errors,)."""
-        change = np.tensordot(errors, self.by_errors, 1)
+        change = np.tensordot(np.concatenate([errors, errors**2]), self.by_errors, 1)
         transition, s = self.transition.copy(), len(change)
         transition[:s, :s] += change[:, :s]
         return transition, self.push + change[:, s:]

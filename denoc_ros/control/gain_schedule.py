@@ -45,6 +45,7 @@ from denoc_ros.control.model_errors import (
     ModelErrors,
     compliances,
     knows_errors,
+    last_modes,
     model_errors,
     stiffnesses,
     with_errors,
@@ -145,7 +146,7 @@ class Proof:
             for model, stiffness, load, name in here:
                 tried = [(gain, part) for part in (PARTS if self.hard else PARTS[:1])]
                 if gain.by_errors.any() and (stiffness, load) != (1.0, 1.0):
-                    errors = np.zeros(len(gain.by_errors))
+                    errors = np.zeros(len(gain.by_errors) // 2)
                     errors[: self._compliances], errors[-1] = 1.0 / stiffness - 1.0, load - 1.0
                     transition, push = gain.with_errors(errors)
                     tried.append((replace(gain, transition=transition, push=push), PARTS[0]))
@@ -277,10 +278,11 @@ def design(
     knows = knows_errors(robot)
     share = (KNOWN if hard and knows else 1.0) * settings.model_error
     count = len(compliances(robot)) + 1 if knows else 0
-    fine, others = None, [[model] * count for model in models]  # these with errors of the model
+    # these with errors of the model, each one way, then each the other way
+    fine, others = None, [[model] * (2 * count) for model in models]
     if hard and knows:
         fine = noise_of(robot, len(joints), values, limits, settings, FINE, FINE_LEAST)
-        for place, errors in enumerate(REACH * np.eye(count)):
+        for place, errors in enumerate(REACH * np.concatenate([np.eye(count), -np.eye(count)])):
             other = with_errors(robot, settings.tip, errors)
             for some, state in zip(others, states, strict=True):
                 some[place] = deviation_model(other, joints, rows, settings.tip, state)
@@ -288,7 +290,8 @@ def design(
         models, *others = (
             [model.damped(LEFT_ALONE, MORE_DAMPED) for model in some] for some in (models, *others)
         )
-    by_errors = [_by_errors(*pair, settings) for pair in zip(models, others, strict=True)]
+    last = len(stiffnesses(robot)) if len(last_modes(robot)) else None
+    by_errors = [_by_errors(*pair, last, settings) for pair in zip(models, others, strict=True)]
     for factor, slower in LOWER if hard else LOWER[:1]:
         factors = dict.fromkeys(LOWERED, factor) | {'integral_time': slower}
         lower = replace(settings, **{n: by * getattr(settings, n) for n, by in factors.items()})
@@ -360,16 +363,23 @@ def _response(model: DeviationModel, settings: FeedbackSettings) -> Array:
 
 
 def _by_errors(
-    model: DeviationModel, others: Sequence[DeviationModel], settings: FeedbackSettings
-) -> Array:
-    """Return the change of the response by unit errors, from robots with errors of `REACH`.
+    model: DeviationModel, others: Sequence[DeviationModel], last: int | None,
+    settings: FeedbackSettings,
+) -> Array:  # fmt: skip
+    """Return the change of the response by each error, then by its square.
 
-    It is zero for the model itself: a design without other modes is not stable with a filter that
-    follows the errors.
+    From robots with errors of `REACH`, one way and the other way. The last modes' stiffness (error
+    `last`) becomes several times itself one way, which no polynomial follows: that change is
+    linear, from the other way. All are zero for robots that are the model itself: a design without
+    other modes is not stable with a filter that follows the errors.
     """
     exact = _response(model, settings)
-    changed = [(_response(other, settings) - exact) / REACH for other in others]
-    return np.array(changed).reshape(len(others), *exact.shape)
+    changed = np.array([_response(other, settings) - exact for other in others])
+    ahead, behind = changed.reshape(2, -1, *exact.shape)
+    slopes, squares = (ahead - behind) / (2.0 * REACH), (ahead + behind) / (2.0 * REACH**2)
+    if last is not None:
+        slopes[last], squares[last] = ahead[last] / REACH, 0.0
+    return np.concatenate([slopes, squares])
 
 
 def _with_stable_joints(

@@ -525,8 +525,8 @@ def estimates_ahead(
         Of the plan [s].
     transition, push : (e, e) and (s, p) arrays
         Of a robot without errors.
-    by_errors : (c, s, s + p) array
-        Changes of both by unit errors.
+    by_errors : (2 c, s, s + p) array
+        Changes of both by unit errors, then by their squares.
     pushes : (p,) array
         Torques on their way and the new one, beyond the plan's.
     state, seen : (e,) and (e, c) arrays
@@ -554,13 +554,18 @@ def estimates_ahead(
             beyond[k, j] = -held[k % joints, j]
         beyond[k, 0] += pushes[k]
     moves, response = transition.copy(), np.empty(past)
+    slopes = np.empty((part, count, part + past))  # changes by further errors
     for i in range(part):
         response[:] = push[i]
         for c in range(count):
-            for k in range(part):
-                moves[i, k] += used[c] * by_errors[c, i, k]
-            for k in range(past):
-                response[k] += used[c] * by_errors[c, i, part + k]
+            for k in range(part + past):
+                square = used[c] * by_errors[count + c, i, k]
+                slopes[i, c, k] = by_errors[c, i, k] + 2.0 * square
+                moved = used[c] * (by_errors[c, i, k] + square)
+                if k < part:
+                    moves[i, k] += moved
+                else:
+                    response[k - part] += moved
         pushed[i] = 0.0
         for k in range(past):
             pushed[i] += response[k] * beyond[k, 0]
@@ -578,7 +583,7 @@ def estimates_ahead(
         for c in range(count):
             for k in range(part + past):
                 for j in range(1 + count):
-                    changed[c, j] += by_errors[c, i, k] * away[k, j]
+                    changed[c, j] += slopes[i, c, k] * away[k, j]
         place = 1 + count
         for a in range(count):
             after[i, 1 + a] += changed[a, 0]

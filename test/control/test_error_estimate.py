@@ -62,7 +62,7 @@ def test_a_period_moves_all_estimates_as_the_robot_with_the_errors(
 ) -> None:
     states, torques = random(rng, 8, S, TERMS), random(rng, 8, K, TERMS)
     transition, push, pushes = random(rng, E, E), random(rng, S, P), random(rng, P)
-    by_errors = random(rng, C, S, S + P)
+    by_errors = random(rng, 2 * C, S, S + P)
     state, seen, shift = random(rng, E), random(rng, E, C), random(rng, E, SENSORS)
     bank, spread = random(rng, E, SENSORS + 1, 1 + TERMS), covariance(rng, C)
     away, pushed = random(rng, S + P, 1 + C), np.zeros(S)
@@ -96,7 +96,8 @@ def test_a_period_moves_all_estimates_as_the_robot_with_the_errors(
         return np.asarray(between(table, at / STEP) @ terms(errors))
 
     # the transition of the robot with the errors in use; errors beside them act on averages
-    change = np.tensordot(used0, by_errors, 1)
+    change = np.tensordot(np.concatenate([used0, used0**2]), by_errors, 1)
+    slopes = by_errors[:C] + 2.0 * used0[:, None, None] * by_errors[C:]
     moves, ways = transition.copy(), push + change[:, S:]
     moves[:S, :S] += change[:, :S]
     np.testing.assert_allclose(
@@ -110,7 +111,7 @@ def test_a_period_moves_all_estimates_as_the_robot_with_the_errors(
         later = moves @ off
         later[:S] += changes(states, time + PERIOD, errors)
         later[:S] += ways @ (pushes - np.tile(changes(torques, time, errors), P // K))
-        later[:S] += np.einsum('e,eij,j->i', beside, by_errors, averages)
+        later[:S] += np.einsum('e,eij,j->i', beside, slopes, averages)
         return np.asarray(later)
 
     def averaged(beside: Array) -> Array:
