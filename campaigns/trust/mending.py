@@ -270,7 +270,10 @@ class Mending:
             self._wait(node, heard, f'{node}: must publish again')
         except StageError as error:
             known = stage.node.count_publishers(OUTPUTS[node])
-            raise StageError(f'{error}; publishers that the stage knows: {known}') from None
+            says = stage.status(f'{node}: loop', time.perf_counter() - RECOVERY)
+            raise StageError(
+                f'{error}; publishers that the stage knows: {known}; the node says {says}'
+            ) from None
 
     def _records(self) -> None:
         begin = time.perf_counter()

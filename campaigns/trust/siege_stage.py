@@ -8,6 +8,7 @@ itself was away (see `trust.absence`).
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -28,7 +29,7 @@ from lifecycle_msgs.srv import ChangeState, GetState
 from rcl_interfaces.msg import ParameterEvent
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
@@ -44,8 +45,11 @@ from trust.witness import DEEP, Witness
 from denoc_ros.cli.node_parameters import write_parameters
 from denoc_ros.kernels.cache import cache_folder
 from denoc_ros.nodes.messages import time_message
+from denoc_ros.nodes.middleware import PROFILES, use_sockets
 from denoc_ros.runtime.realtime import make_thread_timely
 
+# that something comes is enough: a busy stage would ask again for all that it has lost
+NEWEST = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 LOOK = 0.02  # s between two looks of the witness
 DUMP = 5.0  # s that printing the threads may take
@@ -110,7 +114,7 @@ class SiegeStage:
         self.description = self.publisher('/robot_description', String, LATCHED)
         self.node.create_subscription(DiagnosticArray, '/diagnostics', self._on_status, DEEP)
         for name, topic in OUTPUTS.items():
-            self.node.create_subscription(JointState, topic, self._listener(name), 10)
+            self.node.create_subscription(JointState, topic, self._listener(name), NEWEST)
         if scene.adapts:
             self._listen_to_estimates()
         self._running = True
@@ -262,11 +266,9 @@ class SiegeStage:
         process.wait()
 
     def words(self, node: str) -> str:
-        """Return the last that a node has printed."""
-        log = self.folder / 'logs' / f'{node}.log'
-        with log.open('rb') as file:
-            file.seek(max(0, log.stat().st_size - 3000))
-            return file.read().decode(errors='replace')
+        """Return the last that a node has printed, without the list of its modules."""
+        text = (self.folder / 'logs' / f'{node}.log').read_text(errors='replace')
+        return re.sub(r'^Extension modules: .*\n?', '', text, flags=re.M)[-3000:]
 
     def start_all(self) -> None:
         """Start what measures, then all nodes; wait until each does what it is for."""
@@ -369,6 +371,21 @@ def own_kernels(folder: Path) -> Path:
 
 
 @contextmanager
+def wide_sockets(environment: dict[str, str]) -> Iterator[None]:
+    """Let this process have the nodes' sockets, which hold what comes while it waits for a core.
+
+    Its children, with `environment`, choose theirs themselves.
+    """
+    before = os.environ.get(PROFILES, '')
+    use_sockets()
+    environment[PROFILES] = before
+    try:
+        yield
+    finally:
+        os.environ[PROFILES] = before
+
+
+@contextmanager
 def besieged(folder: Path, scene: Scene, slack: float) -> Iterator[SiegeStage]:
     """Give a stage in a ROS domain of its own, its processes started.
 
@@ -379,7 +396,7 @@ def besieged(folder: Path, scene: Scene, slack: float) -> Iterator[SiegeStage]:
     slack : float
         s that torque may pause beyond the law: for a machine that does other things.
     """
-    with domain() as environment:
+    with domain() as environment, wide_sockets(environment):
         stage = SiegeStage(folder, environment, scene, slack)
         try:
             stage.start_all()

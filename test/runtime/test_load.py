@@ -112,6 +112,7 @@ def test_real_time_threads_count_where_cores_are_full(monkeypatch: pytest.Monkey
     times = iter([(95.0, 100.0), (140.0, 200.0)])
     monkeypatch.setattr(cores, '_before', (0.0, 0.0))
     monkeypatch.setattr(cores, '_times', lambda: next(times))
+    monkeypatch.setattr(cores, '_realtime_threads', lambda: {7: 40, 8: 40})
     monkeypatch.setattr(module, '_runtimes', lambda _threads: {7: next(ran), 8: 5})
     share = cores.realtime_share(40)  # busy for 95 % of the time
     assert 0.0 < share * len(cores._cores) <= 0.6 + 1e-9
