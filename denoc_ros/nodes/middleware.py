@@ -14,9 +14,9 @@ A reliable reader learns what it has lost from the writer's heartbeat, by defaul
 then it has nothing that came after the lost one, and a node that ends does not know whether its
 last messages arrived. The same profile has a heartbeat every 0.1 s.
 
-A reader asks for what it has lost at each heartbeat. One that waits for a core loses messages faster
-than it reads them, and what is sent again fills its socket anew, for minutes. So the profile sends a
-message again after 0.2 s at the earliest, and asks for large sockets.
+A reader asks for what it has lost at each heartbeat. One that waits for a core loses messages
+faster than it reads them, and what is sent again fills its socket anew, for minutes. So the
+profile sends a message again after 0.2 s at the earliest, and asks for large sockets.
 """
 
 from __future__ import annotations
