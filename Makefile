@@ -68,7 +68,7 @@ test: style browser
 	$(BIN)/pytest -m alone campaigns/bench || status=1; \
 	exit $$status
 
-# a quarter of an hour: what takes seconds or minutes each, of which make test has shorter forms
+# half an hour: what takes seconds or minutes each, of which make test has shorter forms
 long: $(STAMP) browser
 	@status=0; \
 	$(BIN)/pytest -m 'long and ros' --numprocesses 2 $(LONGEST_FIRST) || status=1; \
