@@ -270,7 +270,7 @@ class Mending:
             self._wait(node, heard, f'{node}: must publish again')
         except StageError as error:
             known = stage.node.count_publishers(OUTPUTS[node])
-            says = stage.status(f'{node}: loop', time.perf_counter() - RECOVERY)
+            says = stage.status(f'{node}: loop', time.perf_counter() - RECOVERY)[:2]
             raise StageError(
                 f'{error}; publishers that the stage knows: {known}; the node says {says}'
             ) from None

@@ -29,7 +29,7 @@ from lifecycle_msgs.srv import ChangeState, GetState
 from rcl_interfaces.msg import ParameterEvent
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.signals import SignalHandlerOptions
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
@@ -48,8 +48,6 @@ from denoc_ros.nodes.messages import time_message
 from denoc_ros.nodes.middleware import PROFILES, use_sockets
 from denoc_ros.runtime.realtime import make_thread_timely
 
-# that something comes is enough: a busy stage would ask again for all that it has lost
-NEWEST = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 LOOK = 0.02  # s between two looks of the witness
 DUMP = 5.0  # s that printing the threads may take
@@ -114,7 +112,7 @@ class SiegeStage:
         self.description = self.publisher('/robot_description', String, LATCHED)
         self.node.create_subscription(DiagnosticArray, '/diagnostics', self._on_status, DEEP)
         for name, topic in OUTPUTS.items():
-            self.node.create_subscription(JointState, topic, self._listener(name), NEWEST)
+            self.node.create_subscription(JointState, topic, self._listener(name), 10)
         if scene.adapts:
             self._listen_to_estimates()
         self._running = True
