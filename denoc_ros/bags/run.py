@@ -152,9 +152,9 @@ class RecordedTopics:
         if not any(name for _, name in marks):
             yield Interval('run', -np.inf, np.inf)
             return
-        ends = [t for t, _ in marks[1:]] + [np.inf]
-        for (start, name), end in zip(marks, ends, strict=True):
-            if name:
+        ends = [*marks[1:], (np.inf, '')]
+        for (start, name), (end, following) in zip(marks, ends, strict=True):
+            if name not in ('', following):  # twice: it began anew
                 yield Interval(name, start, end)
 
     def marks(self) -> tuple[tuple[float, str], ...]:
@@ -168,9 +168,11 @@ class RecordedTopics:
         wanted = {PHASE_TOPIC, reference} & {*self.topics}
         for topic, kind, log_ns, raw in read_raw(self.path, wanted):
             if topic == PHASE_TOPIC:
-                if marks:  # one that ended before its reference began
-                    marks[-1] = min(marks[-1][0], log_ns), marks[-1][1]
                 name = str(decode(message_types(), kind, raw)[0].data)
+                if name and marks and marks[-1][1] == name:  # it begins anew
+                    marks.pop()
+                elif marks:  # one that ended before its reference began
+                    marks[-1] = min(marks[-1][0], log_ns), marks[-1][1]
                 marks.append((log_ns, name))
                 waits = bool(name)
             elif waits and kind == TRAJECTORY:

@@ -42,6 +42,7 @@ START_TIMEOUT = 300.0  # s until active: a slow and busy machine loads nodes for
 STARTING = 10.0  # s that nodes take on a machine which is neither slow nor busy
 LEAD = 0.6  # s from publishing a reference to its start
 FIRST_LEAD = 2.0  # s of the first one, which took 0.85 s to listeners that had just been found
+MOST_PATIENCE = 16.0  # times the lead, on a machine that does not get ready in less
 SETTLING = 0.1  # s until what was asked for has come about
 HELD = 60.0  # s for which a robot waits at its start at most
 TAIL = 0.2  # s a phase goes on behind its reference
@@ -178,12 +179,12 @@ class Session:
 
     def _return_to_start(self) -> None:
         """Have nodes that have moved as they were started, and the recorder begin its bag."""
-        first, trajectory = self._config.phases[0], self._task.trajectory
+        first = self._config.phases[0]
         self._reset('shaper')  # it brakes a motion before it forgets it
         self._await_rest()
         for name in RESETS:
             self._reset(name)
-        if trajectory is not None and 'shaper' not in self._names:
+        if self._knows_motion:
             # a reference that is still to come holds the robot where it begins
             self._publish(first, self._time.now() + HELD)
         self._time.pass_by(SETTLING)
@@ -212,7 +213,8 @@ class Session:
         """Run a phase's motion for a while in real time, and measure."""
         if is_held := self._is_held_first(phase):
             self._hold_start(phase)
-        self._time.go_to(self._prepare(phase, is_held))
+        _, start = self._prepare(phase, is_held)
+        self._time.go_to(start)
         loops = [name for name in LOOPS if name in self._names]
         before = {name: self._deadlines(name) for name in loops}
         began, idle = time.perf_counter(), idle_seconds()
@@ -347,8 +349,7 @@ class Session:
         Where time stands, it does so until they are there. A shaper's motion is not known yet.
         """
         feeds_back, real = self._config.has_state_feedback(phase), not self._time.is_simulated
-        known = self._task.trajectory is not None and 'shaper' not in self._names
-        return feeds_back and real and known
+        return feeds_back and real and self._knows_motion
 
     def _hold_start(self, phase: Phase) -> None:
         """Have the robot held where a phase's motion starts until there are gains along it.
@@ -395,8 +396,7 @@ class Session:
         if is_held := self._is_held_first(phase):
             with self._progress.step(f'designing the feedback: {phase.name}'):
                 self._hold_start(phase)
-        self._client.begin_phase(phase.name)
-        self._file.begin_phase(phase.name, self._now_ns)
+        self._mark_begin(phase)
         self._health.moves = True
         if self._task.bag is not None:
             self._play(self._task.bag, phase)
@@ -409,11 +409,29 @@ class Session:
         self._file.end_phase(self._now_ns)
 
     @property
+    def _knows_motion(self) -> bool:
+        return self._task.trajectory is not None and 'shaper' not in self._names
+
+    def _mark_begin(self, phase: Phase) -> None:
+        self._client.begin_phase(phase.name)
+        self._file.begin_phase(phase.name, self._now_ns)
+
+    @property
     def _now_ns(self) -> int:
         return self._time.stamp_ns(self._time.now())
 
     def _follow(self, phase: Phase, is_held: bool) -> None:
-        start = self._prepare(phase, is_held)
+        late, start = self._prepare(phase, is_held)
+        puts_back = 'plant' in self._names and self._knows_motion and not is_held
+        patience = 2.0
+        while puts_back and late > 0.0 and patience <= MOST_PATIENCE:
+            self._progress.say(
+                f'{phase.name}: the plant was at its start {late:.1f} s after the motion had '
+                f'begun: again, with {patience:g} times the lead'
+            )
+            self._mark_begin(phase)
+            late, start = self._prepare(phase, is_held, patience)
+            patience *= 2.0
         with self._progress.phase(phase.name, self._task.duration) as show:
 
             def watch(now: float) -> None:
@@ -426,8 +444,11 @@ class Session:
             self._await_rest()
         self._time.pass_by(TAIL)
 
-    def _prepare(self, phase: Phase, is_held: bool) -> float:
-        """Reset the nodes and publish the reference; return when it starts [s].
+    def _prepare(self, phase: Phase, is_held: bool, patience: float = 1.0) -> tuple[float, float]:
+        """Reset the nodes and publish the reference, with so many times the usual lead.
+
+        Returns by how much the nodes are late for its motion [s], and when the motion that is
+        asked for starts [s].
 
         In real time the plant goes back when the feedforward already holds it where the reference
         starts, the predictor when the plant is there: it would take the way back for a motion.
@@ -442,10 +463,10 @@ class Session:
             self._reset(name)
         if self._task.trajectory is not None:  # finding them may take longer than the lead
             self._client.await_listeners(len(self._listeners()))
-        start = self._time.now()
+        begin = start = self._time.now()
         if self._task.trajectory is not None:
             is_first = phase is self._config.phases[0] and not self._time.is_simulated
-            lead = LEAD + self._shaping + self._engaging(phase)
+            lead = patience * LEAD + self._shaping + self._engaging(phase)
             begin = start + lead + (FIRST_LEAD - LEAD if is_first else 0.0)
             decided, taken = self._decided(), self._taken()
             start = self._publish(phase, begin)
@@ -457,7 +478,7 @@ class Session:
         for name in later:
             self._reset(name)
             self._time.pass_by(SETTLING)
-        return start
+        return self._time.now() - begin, start
 
     def _publish(self, phase: Phase, begin: float) -> float:
         """Publish a phase's motion from a moment [s]; return the start of the wanted motion."""

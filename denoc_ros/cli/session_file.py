@@ -49,9 +49,12 @@ class SessionFile:
         return dict(self._values.get('time', {}))
 
     def begin_phase(self, name: str, stamp_ns: int) -> None:
-        """Note that a phase begins, by the clock of the recording [ns]."""
+        """Note that a phase begins, or begins anew, by the clock of the recording [ns]."""
         self._phase_began = time.perf_counter()
-        self._values['phases'].append({'name': name, 'begin_ns': stamp_ns, 'end_ns': None})
+        phases = self._values['phases']
+        if phases and phases[-1]['end_ns'] is None:
+            phases.pop()
+        phases.append({'name': name, 'begin_ns': stamp_ns, 'end_ns': None})
         self._write()
 
     def end_phase(self, stamp_ns: int) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
@@ -15,6 +15,7 @@ from denoc_ros.cli.processes import ProcessError, Processes
 from denoc_ros.cli.progress import Progress
 from denoc_ros.cli.session import Session, Task
 from denoc_ros.cli.session_file import SessionFile
+from denoc_ros.reports.run_files import read_session
 from denoc_ros.simulation.reference import trajectory_from_config
 
 if TYPE_CHECKING:
@@ -65,6 +66,7 @@ class Client:
         self._clock, self._tell = clock, tell
         self.published = self.starts = 0.0
         self.finding = 0.0  # s until the listeners are found
+        self.putting_back: list[float] = []  # s that the plant takes for it, each time
         self.done: list[str] = []
         self.ended = 0.0
 
@@ -95,6 +97,8 @@ class Client:
 
     def trigger(self, service: str) -> None:
         self.done.append(service)
+        if service == '/plant/reset' and self.putting_back:
+            self._clock.now += self.putting_back.pop(0)
 
     def begin_phase(self, _: str) -> None:
         self.done.append('phase')
@@ -138,13 +142,14 @@ def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Client
         text: str = SESSION,
         joints: list[str] = JOINTS,
         finding: float = 0.0,
+        putting_back: Sequence[float] = (),
     ) -> Client:
         file = tmp_path / 'session.yaml'
         file.write_text(text)
         config = load_config(file)
         task = Task(trajectory_from_config(config.reference, joints), joints, config.duration)
         client = Client(clock, tell)
-        client.finding = finding
+        client.finding, client.putting_back = finding, list(putting_back)
         processes = cast(Processes, NoProcesses())
         given = cast('SessionClient', client)
         notes = SessionFile(tmp_path, {})
@@ -200,6 +205,20 @@ def test_a_motion_begins_after_its_listeners_are_found_however_late(run: Any) ->
     text = text.replace('feedforward: false', 'feedforward: {}')
     client = run(lambda _now: {'': 'no reference yet'}, text, finding=2.0)
     assert client.starts == pytest.approx(client.published + sessions.FIRST_LEAD)
+
+
+def test_a_motion_that_begins_before_the_plant_is_back_begins_anew(
+    run: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = SESSION.replace('shaper: {method: zvd}', 'recorder: false')
+    text = text.replace('feedforward: false', 'feedforward: {}')
+    client = run(lambda _now: {'': 'no reference yet'}, text, putting_back=[3.0, 3.0])
+    again = ['phase', '/feedforward/reset', 'reference', '/plant/reset']
+    assert client.done == 3 * again
+    assert 'start 2.7 s after the motion had begun: again, with 2 times' in capsys.readouterr().err
+    assert client.ended > client.starts
+    (phase,) = read_session(tmp_path)['phases']
+    assert phase['begin_ns'] > 6e9
 
 
 def test_a_motion_begins_when_its_feedback_has_gains(run: Any) -> None:

@@ -20,7 +20,7 @@ pytestmark = pytest.mark.ros
 START = (0.3, 0.6)  # rad
 SESSION = """
 robot: robots/two_link_ff.urdf
-gravity: [0, -9.81, 0]
+gravity: [0, 0, 0]  # an arm that only torque holds would fall beside other tests
 reference: {kind: points, times: [0, 0.8], positions: [[0.3, 0.6], [0.7, 0.9]]}
 duration: 1
 nodes:
@@ -51,8 +51,7 @@ from denoc_ros.cli.session_time import Choice
 session.choose = lambda rehearsal, refusal: Choice('real', rehearsal.rates, 'for a test')
 sys.exit(main(sys.argv[1:]))
 """
-# rad, m; the motion is 0.4 rad; torque alone lets the arm drift by 1e-3 on a busy machine
-STILL = 5e-3
+STILL = 1e-3  # rad, m; the motion is 0.4 rad
 BEGINNING, BEFORE = 20, 50  # rows: of the bag, and of what comes before the reference
 
 
@@ -88,7 +87,6 @@ def test_bags_begin_alike_with_and_without_a_rehearsal(tmp_path: Path) -> None:
         joints = column(found, '/joint_states', begin_ns)
         modes = column(found, '/plant/true_modal_state', begin_ns)
         for motion, rest in ((joints, np.array([START])), (modes, modes[-1:, 0])):
-            # nothing but torque holds the arm: where it waits for others it drifts by the second
             for part in (motion[-BEFORE:], motion[: BEGINNING if found is auto else 0]):
                 assert np.abs(part[:, 0] - rest).max(initial=0.0) < STILL
                 assert np.abs(part[:, 1]).max(initial=0.0) < 10.0 * STILL

@@ -202,8 +202,9 @@ def test_a_phase_is_shown_from_where_its_reference_begins(
     simulated_bag: SimulatedBag, tmp_path: Path
 ) -> None:
     robot, path = simulated_bag.robot, tmp_path / 'led.mcap'
-    # until 2.5 s the robot goes back to its start; the second phase ends before its reference
-    marks, references = {20: 'one', 50: '', 60: 'two', 90: ''}, {22: 25, 65: 95}
+    # the first phase begins anew; until 2.5 s the robot goes back to its start; the second phase
+    # ends before its reference
+    marks, references = {10: 'one', 20: 'one', 50: '', 60: 'two', 90: ''}, {12: 13, 22: 25, 65: 95}
     with BagWriter(path) as bag:
         bag.add_topic('/joint_states', JOINT_STATE)
         bag.add_topic('/up/phase', 'std_msgs/msg/String')
@@ -219,6 +220,9 @@ def test_a_phase_is_shown_from_where_its_reference_begins(
                 header = {'stamp': {'sec': 10**9 + seconds, 'nanosec': tenths * 10**8}}
                 bag.write_message('/reference', stamp, header=header, joint_names=names)
     run = RecordedRun(path, robot)
+    phases = run_reading.read_run(path).phases
+    assert [each.name for each in phases] == ['one', 'two']
+    assert phases[0].end - phases[0].start == pytest.approx(3.0, abs=1e-9)
     assert run.phases == ((2.5, 'one'), (5.0, ''), (9.0, 'two'), (9.0, ''))
     assert run.span == pytest.approx((2.5, 9.0), abs=1e-9)
     assert run.moments(6)[0] == pytest.approx(2.5, abs=1e-9)
