@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import importlib
-import os
 from typing import TYPE_CHECKING
 
 from denoc_ros.cli.verbs import ACTION_MODULES, ACTIONS
@@ -12,9 +11,6 @@ from denoc_ros.cli.verbs import ACTION_MODULES, ACTIONS
 if TYPE_CHECKING:
     from denoc_ros.cli.verb_result import VerbResult
 
-# thousands of small solutions: threads wait for each other, on a busy machine for most of the
-# time; read when numpy is first imported
-os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 DESCRIPTION = (
     'Identify modes and their damping, joint friction and frequency responses from bags (MCAP, '
     'db3) or tables (CSV, MATLAB, JSON). `denoc identify BAG` is `denoc identify modal BAG`. Exit '

@@ -22,6 +22,9 @@ from denoc_ros.errors import ConfigError, DenocError
 
 # objects after which garbage is looked for: with 700 that takes a seventh of a start
 GARBAGE = 20_000
+# small solutions by the thousand: threads wait for each other, on a busy machine for most of the
+# time; read when numpy is first imported
+ONE_THREAD = 'OPENBLAS_NUM_THREADS', '1'
 LONGEST = 2000  # characters of a line of a message
 _MEMORY = 'memory must be enough for what was asked, got: {}'
 # of libraries; the last two are an extension's that could not make an exception either
@@ -77,6 +80,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     is_process = argv is None
     if is_process:
         gc.set_threshold(GARBAGE)
+        os.environ.setdefault(*ONE_THREAD)
         if signal.getsignal(signal.SIGINT) in (signal.default_int_handler, end_at_once):
             signal.signal(signal.SIGINT, interrupt)
     arguments = list(sys.argv[1:] if argv is None else argv)

@@ -223,6 +223,7 @@ def shortest(
     report: Callable[[float], object],
     stopped: Callable[[], bool],
     rounds: int = ROUNDS,
+    steady: float | None = None,
 ) -> Found[S]:
     """Return the shortest motion within limits.
 
@@ -237,6 +238,8 @@ def shortest(
         Says whether to return the best motion so far.
     rounds : int
         At most.
+    steady : float, optional
+        Share of the duration that a round must save; default: the problem's.
 
     Raises
     ------
@@ -249,6 +252,7 @@ def shortest(
     beyond a limit. Each program has the duration exactly, as second-order cones, and the limits
     to first order; of a rigid robot without viscous friction the limits are exact as well.
     """
+    steady = problem.steady if steady is None else steady
     here = problem.solve(start, None)
     coefficients, radius = here.coefficients, START
     best: tuple[S, Array] | None = (here, coefficients) if excess(here) <= NEAR else None
@@ -267,7 +271,7 @@ def shortest(
             else:
                 there, expected, gains_there, length = step
                 wanted = cost - expected
-                if wanted <= problem.steady * (1.0 if excess(here) <= NEAR else 0.1):
+                if wanted <= steady * (1.0 if excess(here) <= NEAR else 0.1):
                     settled, gains = True, gains_there
                     break
                 found = _attempt(problem, there, (here, there - coefficients))
@@ -280,7 +284,7 @@ def shortest(
                     here, coefficients, gains = found, found.coefficients, gains_there
                     good = gain >= GOOD * wanted
                     # the next gain is as much less than this one as the step was short
-                    small = length < radius and length * wanted <= problem.steady
+                    small = length < radius and length * wanted <= steady
                     settled = good and small and excess(here) <= NEAR
                     radius = min(2.0 * radius, MOST) if good else radius
                     break
@@ -301,7 +305,7 @@ def shortest(
                 if best is not None:
                     break
                 raise SolverError(f'{_broken(problem, here)}; {error}') from error
-            if best is None or calmer.cost < (1.0 - problem.steady) * best[0].cost:
+            if best is None or calmer.cost < (1.0 - steady) * best[0].cost:
                 here, coefficients, radius, settled = calmer, slower, START, False
         if settled:
             break

@@ -129,10 +129,10 @@ class TipGrids:
         grid = self._grid(problem, solved, times, ends)
         return self.refined(grid, asked) if coarser == 1.0 else grid
 
-    def refined(self, grid: TipGrid, asked: Motion) -> TipGrid:
-        """Return the motion on a grid that is halved where the equations do not hold between."""
+    def refined(self, grid: TipGrid, asked: Motion, halvings: int = HALVINGS) -> TipGrid:
+        """Return the motion on a grid that is halved while the equations do not hold between."""
         usual, first = min(asked.duration / NODES, LONGEST_STEP), float(grid.nodes[0])
-        for _ in range(0 if self.options.step else HALVINGS):
+        for _ in range(0 if self.options.step else halvings):
             if _between(grid) <= GRID_ERROR * size_of(grid.problem):
                 break
             finer: Array = first + 0.5 * grid.step * np.arange(2.0 * len(grid.nodes) - 1.0)

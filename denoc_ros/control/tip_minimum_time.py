@@ -32,18 +32,21 @@ from denoc_ros.control.minimum_time import (
 from denoc_ros.control.plan import Plan
 from denoc_ros.control.stretching import UNSOLVED
 from denoc_ros.control.timing import Timing, TimingBasis
-from denoc_ros.control.tip_grid import FEWEST, GRID_ERROR, TipGrid, TipGrids, size_of
+from denoc_ros.control.tip_grid import FEWEST, GRID_ERROR, HALVINGS, TipGrid, TipGrids, size_of
 from denoc_ros.control.tip_options import PIECES, TipOptions
 from denoc_ros.control.tip_solver import CancelledError, sensitivity
 from denoc_ros.errors import SolverError, StateError
 from denoc_ros.types import Array
 
 COARSER = 2.0  # times the usual step, while a timing is looked for
+ROUGHEST, ROUGH = 4.0, 0.03  # the same at first, until a round saves less of the duration
+ROUGHLY = 0.3  # share of the work that it takes
 SHARPEST = 4.0  # times their median: coefficients of a timing, so that it begins smoothly
 BEGINNINGS = 5  # motions, each slower, until one keeps the limits
 FINER = 4e-3  # share of the duration that more pieces of a timing must save at first order
 LOOSER = 1.5  # times the tip's error with fewer pieces, where it is not as small as it may be
-CELLS = 200  # of a rigid robot's path
+CELLS = 220  # of a rigid robot's path
+TURNS = 0.5  # weight of its turns beside its length, where cells are placed
 MOMENTS = 4  # of each cell: its ends, and between
 KNOTS = 800  # of its spline
 FINE = 4000  # moments at which the length of its way is summed up
@@ -108,6 +111,7 @@ class TipMinimumTime:
         self._grids, self._asked, self._basis, self._rows = grids, asked, basis, rows
         self.names, self.length = rows.names, float(basis.stations[-1])
         self._longest, self._error = (0.0, 0.0), 0.0
+        self._coarser = ROUGHEST
         self._known: TimedTip | None = None  # that a search may begin with
         self._near: TimedTip | None = None  # that has the changes
         self._changes: tuple[Array, Array] = (np.zeros(0), np.zeros(0))
@@ -142,7 +146,7 @@ class TipMinimumTime:
         require_in_time(timing, self._asked, self._grids.options)
         asked = RetimedMotion(self._asked, timing)
         if near is None:
-            grid = self._grids.solve(asked, COARSER)
+            grid = self._grids.solve(asked, self._coarser)
             require_rest(self.names, self._rows.values(at_rest(grid), 1.0))
             self._longest = -float(grid.nodes[0]), float(grid.nodes[-1]) - timing.duration
             self._error = grid.tip_error
@@ -186,6 +190,20 @@ class TipMinimumTime:
             coefficients = slower
         return coefficients
 
+    def rough(
+        self, first: Array, report: Callable[[float], object], stopped: Callable[[], bool]
+    ) -> Array:
+        """Return coefficients (p,) to search from: of the shortest motion on a coarser grid."""
+        try:
+            found = shortest(self, self.begin(first), report, stopped, steady=ROUGH)
+        except CancelledError:
+            raise
+        except SolverError:
+            self._coarser, self._known = COARSER, None
+            return self.begin(first)
+        self._coarser = COARSER
+        return self._refined(found.solution, 1).coefficients
+
     def search(
         self,
         _problem: object,
@@ -208,15 +226,15 @@ class TipMinimumTime:
     def finer(self, basis: TimingBasis, found: TimedTip) -> tuple[TipMinimumTime, Array]:
         """Return the search among finer timings, and where it begins: with a motion found here."""
         finer = TipMinimumTime(self._grids, self._asked, basis, self._rows)
-        finer._longest, finer._error = self._longest, self._error
+        finer._longest, finer._error, finer._coarser = self._longest, self._error, self._coarser
         before = found.timing
         square = np.interp(basis.stations, before.basis.stations, before.pace**2)
         finer._known = finer.solve(basis.nearest(square), (found, found.coefficients))
         return finer, finer._known.coefficients
 
-    def _refined(self, found: TimedTip) -> TimedTip:
+    def _refined(self, found: TimedTip, halvings: int = HALVINGS) -> TimedTip:
         """Return a motion on a grid as fine as its equations need."""
-        grid = self._grids.refined(found.grid, found.asked)
+        grid = self._grids.refined(found.grid, found.asked, halvings)
         self._known = found if grid is found.grid else self._timed(found.timing, found.asked, grid)
         return self._known
 
@@ -385,10 +403,11 @@ class RigidMinimumTime:
         self.first = np.ones(self._basis.design.shape[1]) * (length / asked.duration) ** 2
 
     def _stations(self) -> Array:
-        """Return stations (CELLS + 1,): between them is as much of the length and of the turns."""
+        """Return stations (CELLS + 1,) that share the path's length and its turns evenly."""
         bends = np.linalg.norm(self._path(self._asked_at, 2), axis=1)
         turns = cumulative_trapezoid(bends, self._asked_at, initial=0.0)
-        share = self._asked_at / self._asked_at[-1] + turns / max(float(turns[-1]), LITTLE_TURN)
+        share = TURNS * turns / max(float(turns[-1]), LITTLE_TURN)
+        share += self._asked_at / self._asked_at[-1]
         even = np.linspace(0.0, float(share[-1]), CELLS + 1)
         return np.asarray(np.interp(even, share, self._asked_at))
 
@@ -532,7 +551,9 @@ def fastest(grids: TipGrids, asked: AskedMotion, rows: LimitRows) -> Plan:
     first = bases[0].asked
     if options.near is not None and options.near.passed is not None:
         first = bent.start(options.near)
-    found = bent.search(bent, bent.begin(first), report, stopped)
+    start = bent.rough(first, lambda share: report(ROUGHLY * share), stopped)
+    further = 1.0 - ROUGHLY
+    found = bent.search(bent, start, lambda share: report(ROUGHLY + further * share), stopped)
     plan = checked_plan(bent, found, rows, stopped, bent.search)
     for basis in bases[1:]:
         better, done = None, done + 1
@@ -557,9 +578,7 @@ def _with_more_pieces(
     rows.widen()
     with suppress(SolverError):
         finer, start = coarse.finer(basis, found.solution)
-        finer.steady = FINER
-        found = shortest(finer, start, report, stopped)
-        finer.steady = STEADY
+        found = shortest(finer, start, report, stopped, steady=FINER)
         if found.coefficients is start:
             return None
         shorter = checked_plan(finer, found, rows, stopped, finer.search)

@@ -65,8 +65,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the verb and return the exit status; errors are raised."""
-    # the dense peer on one thread, like everything else; read when numpy is first imported
-    os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
     groups = args.only or (GROUPS if not args.quick else [g for g in GROUPS if g != 'load'])
     show = _silent if args.json else _print
     show(_heading())

@@ -191,11 +191,11 @@ def test_state_feedback_is_switched_on_and_off_while_the_node_is_active(graph: A
     feed.until(lambda: state.active and torque() > 0.1)
     change(node, feedback__joint_error=0.1)
     designs = state.designs
-    feed.until(lambda: state.designs > designs)
-    assert state.active
+    # a loop that falls behind beside other tests lets the gains go, and begins anew
+    feed.until(lambda: state.designs > designs and state.active)
     (result,) = node.set_parameters([Parameter('feedback.tip', value='nose')])
     assert 'tip must be one of base, ' in result.reason
-    assert state.active
+    feed.until(lambda: state.active)
     pid = state._worker.planner.pid
     assert pid is not None
     change(node, feedback__state='off')
