@@ -432,6 +432,12 @@ class Session:
             self._mark_begin(phase)
             late, start = self._prepare(phase, is_held, patience)
             patience *= 2.0
+        if puts_back and late > 0.0:
+            raise ProcessError(
+                f'plant: it must be at its start before the motion of {phase.name} begins, got it '
+                f'{late:.1f} s late with a lead of {MOST_PATIENCE * LEAD:g} s: this machine needs '
+                'time: simulated'
+            )
         with self._progress.phase(phase.name, self._task.duration) as show:
 
             def watch(now: float) -> None:

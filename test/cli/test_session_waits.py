@@ -219,6 +219,8 @@ def test_a_motion_that_begins_before_the_plant_is_back_begins_anew(
     assert client.ended > client.starts
     (phase,) = read_session(tmp_path)['phases']
     assert phase['begin_ns'] > 6e9
+    with pytest.raises(ProcessError, match=r'late with a lead of 9.6 s: this machine needs time'):
+        run(lambda _now: {'': 'no reference yet'}, text, putting_back=5 * [20.0])
 
 
 def test_a_motion_begins_when_its_feedback_has_gains(run: Any) -> None:
