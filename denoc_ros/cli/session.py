@@ -458,7 +458,8 @@ class Session:
 
         In real time the plant goes back when the feedforward already holds it where the reference
         starts, the predictor when the plant is there: it would take the way back for a motion.
-        Where time stands, all of that is one moment. A robot held at the start stays there.
+        Where time stands, all of that is one moment. A robot held at the start is put back at
+        once, before its feedback begins.
         """
         first, later = RESETS[:2], RESETS[2:]
         if self._time.is_simulated:
@@ -476,6 +477,8 @@ class Session:
             begin = start + lead + (FIRST_LEAD - LEAD if is_first else 0.0)
             decided, taken = self._decided(), self._taken()
             start = self._publish(phase, begin)
+            if is_held:  # what feedback added to the torque is gone, and the arm swings
+                self._reset('plant')
             self._time.settle(lambda: self._taken() > taken, PLANNING)
             self._await_plan(decided)
             if is_first:  # held by torque alone a robot drifts: it goes back when the others do
