@@ -62,7 +62,7 @@ GRAPH = 60.0  # s of wall time until a recorder has found all topics
 REHEARSAL_FOLDER = 'rehearsal'  # where a recorder writes meanwhile: nobody reads it
 FIRST = 1.0  # s of simulated time before the first phase
 DESIGNING = 60.0  # s until state feedback has gains: its process has to start
-ENGAGING = 5.0  # s from gains for a motion until it trusts its estimate
+ENGAGING = 7.0  # s from gains for a motion until it trusts its estimate
 
 
 @dataclass(frozen=True)
@@ -458,14 +458,14 @@ class Session:
 
         In real time the plant goes back when the feedforward already holds it where the reference
         starts, the predictor when the plant is there: it would take the way back for a motion.
-        Where time stands, all of that is one moment. A robot held at the start is put back at
-        once, before its feedback begins.
+        Where time stands, all of that is one moment. A robot held at the start is put back just
+        before its feedback begins anew.
         """
         first, later = RESETS[:2], RESETS[2:]
         if self._time.is_simulated:
             first, later = RESETS, ()
-        elif is_held:
-            later = ('predictor',)
+        elif is_held:  # by feedback: at rest, as the new estimate begins by
+            first, later = ('plant', *first), ('predictor',)
         for name in first:
             self._reset(name)
         if self._task.trajectory is not None:  # finding them may take longer than the lead
@@ -477,8 +477,6 @@ class Session:
             begin = start + lead + (FIRST_LEAD - LEAD if is_first else 0.0)
             decided, taken = self._decided(), self._taken()
             start = self._publish(phase, begin)
-            if is_held:  # what feedback added to the torque is gone, and the arm swings
-                self._reset('plant')
             self._time.settle(lambda: self._taken() > taken, PLANNING)
             self._await_plan(decided)
             if is_first:  # held by torque alone a robot drifts: it goes back when the others do
