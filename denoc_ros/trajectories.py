@@ -7,11 +7,12 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from bisect import bisect_right
 
 import numpy as np
 import scipy.linalg
 
+from denoc_ros.kernels.compiled import entry
+from denoc_ros.kernels.spline import sample_quintics
 from denoc_ros.types import Array
 
 
@@ -201,22 +202,22 @@ class SplineTrajectory(Trajectory):
             qd = _spline_rates(times, q, initial_rate)
         if qdd is None:
             qdd = _knot_accelerations(times, q, qd)
-        self._times: list[float] = times.tolist()
+        self._times: Array = np.ascontiguousarray(times, dtype=np.float64)
         self._pieces = _quintics(times, q, qd, qdd)
         rates = np.zeros_like(self._pieces)
         rates[:, :-1] = self._pieces[:, 1:] * np.arange(1.0, 6.0)[:, None]
         bends = np.zeros_like(rates)
         bends[:, :-1] = rates[:, 1:] * np.arange(1.0, 6.0)[:, None]
-        # position, velocity and acceleration by the powers of the time: one product for all
+        # position, velocity and acceleration by the powers of the time: one call for all
         self._motion = np.concatenate((self._pieces, rates, bends), axis=2)
-        self._powers = np.ones(6)
+        self._sample = entry(sample_quintics)
         self._result = np.zeros(3 * self.n)
         # views of it
         self._position, self._rate, self._acceleration = self._result.reshape(3, self.n)
 
     def knots(self) -> tuple[Array, Array, Array, Array]:
         """Return times (k,) and position, velocity, acceleration (k, n) of the same spline."""
-        times, pieces = np.array(self._times), self._pieces
+        times, pieces = self._times, self._pieces
         last = times[-1] - times[-2]
         powers = last ** np.arange(6.0)
         order = np.arange(6)
@@ -230,7 +231,7 @@ class SplineTrajectory(Trajectory):
 
     def rows(self, times: Array) -> tuple[Array, Array, Array]:
         """Return positions, velocities, accelerations (k, n) at times (k,) [s] within it."""
-        knots = np.asarray(self._times)
+        knots = self._times
         pieces = np.searchsorted(knots, times, side='right') - 1
         pieces = np.clip(pieces, 0, len(knots) - 2)
         s = (times - knots[pieces])[:, None]
@@ -245,12 +246,7 @@ class SplineTrajectory(Trajectory):
         return q, qd, qdd
 
     def _inside(self, t: float, q: Array, qd: Array, qdd: Array) -> None:
-        piece = min(bisect_right(self._times, t), len(self._times) - 1) - 1
-        s = t - self._times[piece]
-        s2, powers = s * s, self._powers
-        powers[1], powers[2], powers[3], powers[4] = s, s2, s2 * s, s2 * s2
-        powers[5] = s2 * s2 * s
-        np.dot(powers, self._motion[piece], out=self._result)
+        self._sample(self._times, self._motion, t, self._result)
         q[:], qd[:], qdd[:] = self._position, self._rate, self._acceleration
 
 

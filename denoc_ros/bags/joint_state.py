@@ -123,6 +123,11 @@ class JointStateMessage:
         Joint, deflection or sensor names.
     fields : sequence of str
         Which of `FIELDS` the message has; the others stay empty.
+
+    Attributes
+    ----------
+    raw : bytearray
+        The message.
     """
 
     def __init__(self, names: Sequence[str], fields: Sequence[str], frame_id: str = '') -> None:
@@ -130,9 +135,9 @@ class JointStateMessage:
         header = {'stamp': {'sec': 0, 'nanosec': 0}, 'frame_id': frame_id}
         message = encode(JOINT_STATE, 0, {'header': header, 'name': list(names), **zeros})
         layout = JointStateLayout.of(CdrReader(message))
-        self._raw = bytearray(message)
+        self.raw = bytearray(message)
         views = {
-            field: np.frombuffer(self._raw, '<f8', count, start) if count else np.empty(0)
+            field: np.frombuffer(self.raw, '<f8', count, start) if count else np.empty(0)
             for field, (start, count) in zip(FIELDS, layout.blocks, strict=True)
         }
         self.names = tuple(names)
@@ -158,5 +163,5 @@ class JointStateMessage:
     def bytes(self, stamp_ns: int | None = None) -> bytes:
         """Return the message's CDR, its header with a new stamp [ns] if given."""
         if stamp_ns is not None:
-            self._raw[ENCAPSULATION:_HEAD] = stamp_bytes(stamp_ns)
-        return bytes(self._raw)
+            self.raw[ENCAPSULATION:_HEAD] = stamp_bytes(stamp_ns)
+        return bytes(self.raw)

@@ -21,7 +21,15 @@ from denoc_ros.control.state_feedback import FEEDBACK_KERNELS
 from denoc_ros.dynamics.robot_model import CONSTRAINT_KERNELS, KERNELS
 from denoc_ros.dynamics.stepper import DRIVEN_KERNELS
 from denoc_ros.errors import DenocError
-from denoc_ros.kernels import inverse, inverse_derivatives, kalman, message_values, world
+from denoc_ros.kernels import (
+    inverse,
+    inverse_derivatives,
+    kalman,
+    message_values,
+    spline,
+    torque_limits,
+    world,
+)
 from denoc_ros.kernels.cache import cache_folder, is_kept
 from denoc_ros.kernels.compiled import DECLARED, ready
 from denoc_ros.model.urdf import load_tree
@@ -63,7 +71,8 @@ def kernels(loops: bool, plans: bool, feedback: bool = False) -> list[Any]:
     of_robot = CONSTRAINT_KERNELS if loops else DRIVEN_KERNELS
     found = [*KERNELS, *of_robot, inverse_derivatives.inverse_dynamics_derivatives]
     found += [kalman.take_values, kalman.predict_covariance, kalman.take_readings]
-    found += [message_values.take_numbers]
+    found += [message_values.take_numbers, message_values.put_numbers, spline.sample_quintics]
+    found += [torque_limits.saturate]
     if plans:
         found += [
             inverse.inverse_dynamics_rows,

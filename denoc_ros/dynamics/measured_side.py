@@ -61,6 +61,13 @@ class MeasuredStates:
         With all its springs.
     joints : sequence of str, optional
         In the order of all arrays here; default all.
+
+    Attributes
+    ----------
+    index : (joints,) array of int
+        Coordinates of the joints.
+    any_behind : bool
+        Whether there are joints that are measured behind their springs.
     """
 
     def __init__(self, robot: Robot, joints: Sequence[str] | None = None) -> None:
@@ -68,24 +75,25 @@ class MeasuredStates:
         behind = [is_measured_behind(robot.tree.joints[name]) for name in names_of]
         self._robot = robot
         self._joints = np.flatnonzero(behind)
-        self._index = np.asarray(robot.indices(names_of), dtype=np.intp)
-        self._springs = self._index[self._joints] + 1
+        self.any_behind = any(behind)
+        self.index = np.asarray(robot.indices(names_of), dtype=np.intp)
+        self._springs = self.index[self._joints] + 1
 
     def positions(self, q: Array, out: Array) -> None:
         """Write positions, or rates, (joints,) from those of the coordinates (n,)."""
-        out[:] = q[self._index]
-        if len(self._joints):
+        out[:] = q[self.index]
+        if self.any_behind:
             out[self._joints] += q[self._springs]
 
     def posture(self, q: Array) -> Array:
         """Return the positions, or rates, (joints,) of those of the coordinates (n,)."""
-        found = np.zeros(len(self._index))
+        found = np.zeros(len(self.index))
         self.positions(q, found)
         return found
 
     def efforts(self, q: Array, qd: Array, out: Array) -> None:
         """Write the gears' output torque into efforts (joints,) of joints measured behind them."""
-        if len(self._joints):
+        if self.any_behind:
             force = elasticity(self._robot, q)[0] + self._robot.damping * qd
             out[self._joints] = -force[self._springs]
 

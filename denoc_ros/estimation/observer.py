@@ -159,6 +159,11 @@ class Observer:
         """Whether the last measurement is older than `max_age`."""
         return self.time - self._stamp > self._max_age
 
+    @property
+    def is_current(self) -> bool:
+        """Whether the observer has been started, and is not stale."""
+        return self.time - self._stamp <= self._max_age  # False of NaN
+
     def measure(
         self, stamp: float, q: Array, qd: Array | None = None, effort: Array | None = None
     ) -> bool:
@@ -446,9 +451,10 @@ class Observer:
         The joints go on from the last measurement with the acceleration they had, for `max_age`
         at most: `stale` from then on. A time before the last measurement counts as that.
         """
-        if not self.started:
+        if self.time != self.time:  # no measurement has started it
             return
-        self._fuse()
+        if self.fusion is not None:
+            self._fuse()
         stamp, q, qd, most = self._stamp, self.q, self.qd, self._horizon_steps
         self.time = now if now > stamp else stamp
         lead = now - stamp

@@ -1,8 +1,9 @@
-"""Numbers of a message of a known layout: compared with the layout, taken and checked in one call.
+"""Numbers of messages of a known layout, taken or put in one call.
 
 Most bytes are the same in all messages of a publisher: names, and how many numbers there are.
-Those are compared; stamp and numbers are taken. What is wrong with a message that does not pass
-is for the caller to find.
+Of a message that comes these are compared, stamp and numbers are taken and checked; what is wrong
+with one that does not pass is for the caller to find. Of messages that leave, only stamps and
+numbers are written.
 """
 
 import ctypes
@@ -19,9 +20,14 @@ POSITION, VELOCITY, EFFORT = range(3)
 # rows of the bounds of a state
 LOWER, UPPER, BACKWARDS, FORWARDS = range(4)
 STAMP = 4  # first byte of seconds and nanoseconds
+SECOND = 1_000_000_000  # ns
 # elements of a record: addresses and lengths of what a message is compared with and taken to
 PATTERN, LENGTH, FIXED, PARTS, PLACES, JOINTS, BOUNDS, VALUES, GIVEN, BYTES_TYPE = range(10)
 RECORD = 10
+# elements of a record: how many numbers go from where to where, which messages have a stamp, and
+# the most seconds that it can say
+COPIES, SOURCES, TARGETS, MESSAGES, STAMPED, MOST_SECONDS = range(6)
+OUTGOING = 6
 # where things stand in a bytes object, of a 64-bit CPython
 TYPE, SIZE, CONTENT = 8, 16, 32
 
@@ -134,4 +140,38 @@ def take_numbers(record, message):
     ):
         return OTHER
     seconds = np.int64(pointer(start + STAMP, np.int32)[0])
-    return 1_000_000_000 * seconds + np.int64(pointer(start + STAMP + 4, np.uint32)[0])
+    return SECOND * seconds + np.int64(pointer(start + STAMP + 4, np.uint32)[0])
+
+
+@kernel(types.int64(types.int64, types.int64))
+def put_numbers(record, stamp_ns):
+    """Copy numbers into little-endian messages, and write a stamp [ns] into their headers.
+
+    A stamp that a message cannot say becomes the nearest that it can.
+
+    Parameters
+    ----------
+    record : int
+        Address of OUTGOING integers: COPIES and the addresses of SOURCES and TARGETS (so many
+        addresses of doubles each), MESSAGES and the address of STAMPED (so many addresses of
+        messages), MOST_SECONDS.
+
+    Returns
+    -------
+    int
+        How many numbers were copied.
+    """
+    known = span(record, OUTGOING, np.int64)
+    copies, messages = known[COPIES], known[MESSAGES]
+    sources = span(known[SOURCES], copies, np.int64)
+    targets = span(known[TARGETS], copies, np.int64)
+    for k in range(copies):
+        pointer(targets[k], np.float64)[0] = pointer(sources[k], np.float64)[0]
+    seconds = stamp_ns // SECOND
+    rest = stamp_ns - seconds * SECOND
+    seconds = min(max(seconds, -known[MOST_SECONDS]), known[MOST_SECONDS])
+    stamped = span(known[STAMPED], messages, np.int64)
+    for k in range(messages):
+        pointer(stamped[k] + STAMP, np.int32)[0] = np.int32(seconds)
+        pointer(stamped[k] + STAMP + 4, np.uint32)[0] = np.uint32(rest)
+    return copies

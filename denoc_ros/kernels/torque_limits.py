@@ -40,3 +40,27 @@ def limit_torque(torque, limits, most_change, largest, last, clamped):
             clamped[k] += 1
         last[k] = new
     return good
+
+
+@kernel('void(float64[::1], float64[::1], float64[::1], int64[::1], float64[::1])')
+def saturate(wanted, limits, effort, places, tau):
+    """Write efforts (n,) within their limits, also to their places in generalized forces.
+
+    Parameters
+    ----------
+    wanted, limits : (n,) arrays
+        Efforts, and their largest magnitudes [N m or N].
+    effort : (n,) array
+        Output; may be `wanted`.
+    places : (n,) array of int64
+        Coordinates of the drives.
+    tau : (coordinates,) array
+        Output.
+    """
+    for k in range(wanted.shape[0]):
+        value = wanted[k]  # a NaN stays one
+        if value > limits[k]:
+            value = limits[k]
+        elif value < -limits[k]:
+            value = -limits[k]
+        effort[k] = tau[places[k]] = value

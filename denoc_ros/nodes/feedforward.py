@@ -104,6 +104,8 @@ class FeedforwardNode(RobotNode):
         self.output = TorqueOutput(
             self,
             self.joints,
+            (self.q, self.qd, self.qdd),
+            self.limiter.last,
             self.by_message,
             settings.flag('publish_joint_trajectory'),
             self._impedance(settings),
@@ -220,7 +222,8 @@ class FeedforwardNode(RobotNode):
     def _on_joint_state(self, raw: bytes, now: float) -> None:
         reader = self._reader
         reader.read(raw, partial(self.joint_input.accept, now=now))
-        self.feedback.take_joints(reader, now)
+        if self.feedback.state.wanted:
+            self.feedback.take_joints(reader, now)
         if self.phase is not None:
             wall = 1e-9 * self.stamp_ns_at(now)
             self.phase.take(self._joint_clock.taken_at(1e-9 * reader.stamp_ns, now, wall))
@@ -269,7 +272,8 @@ class FeedforwardNode(RobotNode):
             torque = torque.copy()
             self._start_torque(self.clock.now())
         self._cause = 'following messages'
-        self.output.send_effort(stamp_ns, self.q, self.qd, self.limiter.apply(torque))
+        self.limiter.apply(torque)
+        self.output.send_effort(stamp_ns)
 
     # ---- loop
 
@@ -339,7 +343,7 @@ class FeedforwardNode(RobotNode):
                 torque = self.feedback.add(torque, *self._plan())
             left = self.limiter.apply(torque)
             self.feedback.applied(left)
-            self._publish(left, is_following=True)
+            self._publish(is_following=True)
             if self.wrench is not None:
                 self.wrench.send(self._stamp_of(self._tick_time), self.torque.source)
         if cause and self._cause == 'following':
@@ -399,9 +403,9 @@ class FeedforwardNode(RobotNode):
         elapsed, self._last_update = clock - self._last_update, clock
         return self.torque.update(self.q, self.qd, self.qdd, elapsed)
 
-    def _publish(self, torque: Array, is_following: bool = False) -> None:
-        stamp_ns = self._stamp_of(self._tick_time)
-        self.output.send(stamp_ns, self.q, self.qd, self.qdd, torque, is_following)
+    def _publish(self, is_following: bool = False) -> None:
+        """Publish the torque that the limiter let through, with the motion it is for."""
+        self.output.send(self._stamp_of(self._tick_time), is_following)
 
     def _carry(self, now: float) -> bool:
         """Find the torque that holds the robot; say whether it is known."""
@@ -443,13 +447,14 @@ class FeedforwardNode(RobotNode):
             self.qd[:] = self.qdd[:] = 0.0
             left = self.limiter.apply(torque)
             self.feedback.applied(left)
-            self._publish(left)
+            self._publish()
 
     def rescue(self) -> bool:
         """Repeat the last command; say whether there was one."""
         if not self._fresh:
             self.qd[:] = self.qdd[:] = 0.0
-            self._publish(self.limiter.apply(self.limiter.last))
+            self.limiter.apply(self.limiter.last)
+            self._publish()
         return not self._fresh
 
     def come_to_rest(self) -> None:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-import time
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from time import perf_counter, thread_time, time_ns
 from typing import Any, Protocol
 
 from rclpy.qos import QoSProfile
@@ -77,7 +77,7 @@ def arrivals(infos: Sequence[Mapping[str, int]], before: float) -> list[float]:
     before : float
         When the queue was last empty, steady clock [s].
     """
-    now, wall_ns = time.perf_counter(), time.time_ns()
+    now, wall_ns = perf_counter(), time_ns()
     moments = [now - 1e-9 * (wall_ns - info['received_timestamp']) for info in infos]
     if now - before > AWAY:
         # a process that stands still receives nothing: the sender's clock has the distances
@@ -200,7 +200,8 @@ class Input:
         self._handles_heavy = False
         self._heavy_due = -math.inf
         self._node, self._handle = node, handle
-        self._last_take = time.perf_counter()
+        self._is_simulated = node.clock.is_simulated
+        self._last_take = perf_counter()
         self._depth, self._kind = qos.depth, message_type
 
         def subscribed() -> Any:
@@ -222,47 +223,64 @@ class Input:
         self._later: deque[tuple[int, bool, bytes, int]] = deque()
         self._interval = self._last_ns = self._expected_ns = 0
 
-    def take(self, subscription: Any = None) -> None:
+    def take(self) -> None:
         """Handle all that has arrived since the last call, at most a queue."""
-        before, self._last_take = self._last_take, time.perf_counter()
-        take = self._take_message if subscription is None else subscription.handle.take_message
-        kind = self._kind
-        first = take(kind, True)
+        before = self._last_take
+        self._last_take = perf_counter()
+        first = self._take_message(self._kind, True)
         if first is None:
             self._publishing = self._publishers()
             if self._later:
                 self._give_due()
             return
-        more = None if self._depth == 1 else take(kind, True)
+        more = None if self._depth == 1 else self._take_message(self._kind, True)
         # counted after that, and before: what waited may be from one that came or went since
         publishers, publishing = self._publishers(), self._publishing
         self._publishing = publishers
-        if publishers > publishing:
-            publishing = publishers
-        simulated = self._node.clock.is_simulated
-        if more is None and publishing <= self.monitor.max_publishers and not simulated:
-            raw, info = first
-            if self._is_heavy is never_heavy or not self._waits(raw):  # as nearly every tick
-                self.number = info['publication_sequence_number']
-                self._only = self._last_take
-                now = time.perf_counter()
-                came = now - 1e-9 * (time.time_ns() - info['received_timestamp'])
-                # as `arrivals` does
-                self._give(
-                    raw, now if came > now else before if came < before else came, publishing
-                )
-                return
+        raw, info = first
+        if (
+            more is not None
+            or publishers != publishing
+            or publishers > self.monitor.max_publishers
+            or self._is_simulated
+            or (self._is_heavy is not never_heavy and self._waits(raw))
+        ):
+            waiting = [first] if more is None else [first, more]
+            self._take_more(self._take_message, waiting, max(publishers, publishing), before)
+            return
+        # as nearly every tick; moments as `arrivals` does
+        self.number = info['publication_sequence_number']
+        self._only = self._last_take
+        now = perf_counter()
+        came = now - 1e-9 * (time_ns() - info['received_timestamp'])
+        self._give(raw, now if came > now else before if came < before else came)
+
+    def _take_more(
+        self, take: Callable[..., Any], waiting: list[Any], publishing: int, before: float
+    ) -> None:
+        """Handle several messages, or one that needs a closer look, and what else waits.
+
+        Parameters
+        ----------
+        take : callable
+            Takes a message of the subscription.
+        waiting : list of (bytes, dict)
+            Messages that were taken, with the middleware's information.
+        publishing : int
+            Publishers that may have sent them.
+        before : float
+            When the queue was last empty, steady clock [s].
+        """
         now = self._last_take
         if self._only is not None:
             self._active_publishers.saw(self.number, self._only)
             self._only = None
-        waiting = [first]
-        if more is not None:
-            waiting += [more, *_taken(take, kind, self._depth - 2)]
+        if len(waiting) > 1:
+            waiting += _taken(take, self._kind, self._depth - len(waiting))
         numbers = [info['publication_sequence_number'] for _, info in waiting]
         sending = self._active_publishers.count(publishing, numbers, now)
         self.number = numbers[-1]
-        if simulated:
+        if self._is_simulated:
             for raw, _ in waiting:
                 self._queue(raw, sending)
             self._give_due()
@@ -272,13 +290,13 @@ class Input:
         for place, ((raw, _), came) in enumerate(zip(waiting, moments, strict=True), 1):
             if self._waits(raw):
                 self._hold(raw, came, sending)
-            elif place < len(waiting) and time.thread_time() - begin > TAKE_TIME:
+            elif place < len(waiting) and thread_time() - begin > TAKE_TIME:
                 self._refuse_flood(f'messages that take less than {TAKE_TIME:g} s in all')
             else:
                 self._give(raw, came, sending)
             if place == 1 and len(waiting) > 2:
                 # the first that a node ever handles takes many times what others do
-                begin = time.thread_time()
+                begin = thread_time()
 
     def _waits(self, raw: bytes) -> bool:
         """Say whether a message is too long for a loop, or comes after one that is."""
@@ -330,23 +348,28 @@ class Input:
         elif self._numbered is None:
             self._numbered = self._subscribed()
             self._node.take_aside(self._numbered)
-            self._active_publishers.begin(time.perf_counter())
+            self._active_publishers.begin(perf_counter())
             self._give(raw, now, publishing)
         else:
-            self.take(self._numbered)
+            before, self._last_take = self._last_take, perf_counter()
+            take, published = self._numbered.handle.take_message, self._publishing
+            waiting = _taken(take, self._kind, self._depth)
+            self._publishing = self._publishers()
+            if waiting:
+                self._take_more(take, waiting, max(published, self._publishing), before)
 
     def take_heavy(self) -> None:
         """Handle some of the messages that were too long for the loop, in a share of the time."""
         if not self._heavy:
             return
-        begin = now = time.perf_counter()
+        begin = now = perf_counter()
         if now < self._heavy_due:
             return
         while self._heavy and now - begin < HEAVY_TIME:
             self._handles_heavy = True  # before it leaves the queue: the loop waits for its end
             self._give(*self._heavy.popleft())
             self._handles_heavy = False
-            now = time.perf_counter()
+            now = perf_counter()
         self._heavy_due = now + (now - begin) * (1.0 / HEAVY_SHARE - 1.0)
 
     def _hold(self, raw: bytes, came: float, sending: int) -> None:
@@ -359,9 +382,9 @@ class Input:
         rule = f'{self.monitor.topic} must have {most}'
         self._node.refuse(self.monitor, InputError('flood', f'{rule}, got more: one is dropped'))
 
-    def _give(self, raw: bytes, came: float, sending: int) -> None:
+    def _give(self, raw: bytes, came: float, sending: int = 1) -> None:
         try:
-            if sending > self.monitor.max_publishers:
+            if sending > 1:
                 self.monitor.check_publishers(sending)
             if len(raw) > self.longest:
                 self._require_short(raw)

@@ -67,14 +67,14 @@ def exact_bytes(message: object) -> bytes:
 class _Prebuilt:
     """Bytes, with a stamp at the front where the type has a header."""
 
-    _raw: bytearray
+    raw: bytearray
     _has_header = True
 
     def bytes(self, stamp_ns: int | None = None) -> bytes:
         """Return the message, ready for `Publisher.publish`, with a new stamp [ns] if given."""
         if stamp_ns is not None and self._has_header:
-            self._raw[4:12] = stamp_bytes(stamp_ns)
-        return bytes(self._raw)
+            self.raw[4:12] = stamp_bytes(stamp_ns)
+        return bytes(self.raw)
 
 
 class CommandMessage(_Prebuilt):
@@ -89,9 +89,9 @@ class CommandMessage(_Prebuilt):
             MultiArrayDimension(label=','.join(joints), size=count, stride=count)
         ]
         message.data = [1.2345e100] * count
-        self._raw, offsets = template(message, [1.2345e100] if count else [])
+        self.raw, offsets = template(message, [1.2345e100] if count else [])
         self.values: Array = (
-            np.frombuffer(self._raw, '<f8', count, offsets[0]) if count else np.empty(0)
+            np.frombuffer(self.raw, '<f8', count, offsets[0]) if count else np.empty(0)
         )
         self.values[:] = 0.0
 
@@ -112,9 +112,9 @@ class ImpedanceCommandMessage(_Prebuilt):
             MultiArrayDimension(label=','.join(IMPEDANCE), size=width, stride=width),
         ]
         message.data = [1.2345e100] * (count * width)
-        self._raw, offsets = template(message, [1.2345e100] if count else [])
+        self.raw, offsets = template(message, [1.2345e100] if count else [])
         flat: Array = (
-            np.frombuffer(self._raw, '<f8', count * width, offsets[0]) if count else np.empty(0)
+            np.frombuffer(self.raw, '<f8', count * width, offsets[0]) if count else np.empty(0)
         )
         self.values: Array = flat.reshape(count, width)
         self.values[:] = 0.0
@@ -126,8 +126,8 @@ class FloatMessage(_Prebuilt):
     _has_header = False
 
     def __init__(self) -> None:
-        self._raw = bytearray(serialize_message(Float64(data=0.0)))
-        self.values: Array = np.frombuffer(self._raw, '<f8', 1, 4)
+        self.raw = bytearray(serialize_message(Float64(data=0.0)))
+        self.values: Array = np.frombuffer(self.raw, '<f8', 1, 4)
 
 
 class TrajectoryPointMessage(_Prebuilt):
@@ -142,8 +142,8 @@ class TrajectoryPointMessage(_Prebuilt):
         ):
             setattr(point, field, [marker] * count)
         message = JointTrajectory(joint_names=list(joints), points=[point])
-        self._raw, offsets = template(message, markers if count else [])
-        views = [np.frombuffer(self._raw, '<f8', count, offset) for offset in offsets]
+        self.raw, offsets = template(message, markers if count else [])
+        views = [np.frombuffer(self.raw, '<f8', count, offset) for offset in offsets]
         self.positions: Array = views[0]
         self.velocities: Array = views[1]
         self.accelerations: Array = views[2]
@@ -170,8 +170,8 @@ class ImuMessage(_Prebuilt):
             message.angular_velocity_covariance[4 * axis] = gyro_noise**2
             message.linear_acceleration_covariance[4 * axis] = accel_noise**2
         message.angular_velocity.x, message.linear_acceleration.x = 1.2345e100, 1.3345e100
-        self._raw, offsets = template(message, [1.2345e100, 1.3345e100])
-        self._rate, self._force = (np.frombuffer(self._raw, '<f8', 3, k) for k in offsets)
+        self.raw, offsets = template(message, [1.2345e100, 1.3345e100])
+        self._rate, self._force = (np.frombuffer(self.raw, '<f8', 3, k) for k in offsets)
         self.write(np.zeros(6))
 
     def write(self, values: Array) -> None:
@@ -186,8 +186,8 @@ class AccelMessage(_Prebuilt):
         message = AccelStamped()
         message.header.frame_id = frame_id
         message.accel.linear.x = 1.2345e100
-        self._raw, offsets = template(message, [1.2345e100])
-        self._force: Array = np.frombuffer(self._raw, '<f8', 3, offsets[0])
+        self.raw, offsets = template(message, [1.2345e100])
+        self._force: Array = np.frombuffer(self.raw, '<f8', 3, offsets[0])
         self.write(np.zeros(6))
 
     def write(self, values: Array) -> None:
@@ -202,8 +202,8 @@ class PoseMessage(_Prebuilt):
         message = PoseStamped()
         message.header.frame_id = frame_id
         message.pose.position.x = 1.2345e100
-        self._raw, offsets = template(message, [1.2345e100])
-        self.values: Array = np.frombuffer(self._raw, '<f8', 7, offsets[0])
+        self.raw, offsets = template(message, [1.2345e100])
+        self.values: Array = np.frombuffer(self.raw, '<f8', 7, offsets[0])
         self.values[:] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 
 

@@ -21,6 +21,8 @@ from denoc_ros.dynamics.equilibrium import Equilibrium
 from denoc_ros.dynamics.measured_side import MeasuredStates
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.rotations import quaternion
+from denoc_ros.kernels.compiled import entry
+from denoc_ros.kernels.torque_limits import saturate
 from denoc_ros.model.mjcf import SEGMENTS
 from denoc_ros.model.overrides import with_overrides
 from denoc_ros.model.plant_description import PlantDescription
@@ -34,6 +36,7 @@ from denoc_ros.runtime.clocks import Clock as RobotClock
 from denoc_ros.runtime.clocks import StampOf
 from denoc_ros.runtime.conversions import CommandReader
 from denoc_ros.runtime.input_monitor import InputError
+from denoc_ros.runtime.message_numbers import MessageFiller
 from denoc_ros.runtime.motion_bounds import motion_bounds
 from denoc_ros.runtime.parameters import Settings
 from denoc_ros.runtime.plant_parameters import TABLE
@@ -187,7 +190,20 @@ class PlantNode(RobotNode):
 
     def _use(self, simulated: SimulatedRobot) -> None:
         self._simulated, self.robot = simulated, simulated.robot
-        self._measured = MeasuredStates(self.robot)
+        self._measured = measured = MeasuredStates(self.robot)
+        state, modal = self._state_message, self._modal_message
+        q, qd, at = simulated.q, simulated.qd, measured.index
+        self._fill = MessageFiller(
+            (state, modal, self._deflection_message),
+            (
+                (state.position, (q, at)),
+                (state.velocity, (qd, at)),
+                (state.effort, np.zeros(len(at))),
+                ((state.effort, self._drives), self.effort),
+                (modal.position, q),
+                (modal.velocity, qd),
+            ),
+        ).fill
 
     @property
     def q(self) -> Array:
@@ -227,7 +243,7 @@ class PlantNode(RobotNode):
         limits = {name: joint.limits.effort for name, joint in self.robot.tree.joints.items()}
         enforce = settings.flag('enforce_effort_limits')
         self._upper = np.array([limits[j] if enforce else math.inf for j in self.joints])
-        self._lower = -self._upper
+        self._saturate = entry(saturate)
         self._by_impedance = bool(settings.text('impedance_command'))
         self._reader = CommandReader(self.joints, len(IMPEDANCE) if self._by_impedance else 1)
         self._command_timeout = settings.number('command_timeout')
@@ -267,6 +283,7 @@ class PlantNode(RobotNode):
         noisy = settings.flag('noise.sensors')
         self.sensors = SensorOutputs(self, robot, noisy, self._generator)
         self.inertial_sensors = InertialOutputs(self, robot, noisy, self._generator)
+        self._has_sensors = bool(self.sensors or self.inertial_sensors)
 
     def connect(self) -> None:
         """Subscribe."""
@@ -287,7 +304,7 @@ class PlantNode(RobotNode):
 
     def _on_command(self, raw: bytes, now: float) -> None:
         self._reader.read(raw)
-        self.command_input.accept(0, now)
+        self.command_input.accept(None, now)
         self._commands.append((now, self._reader.values))
 
     def _on_reference(self, raw: bytes, now: float) -> None:
@@ -359,7 +376,7 @@ class PlantNode(RobotNode):
         self._publish(stamp_ns)
         if self.source is not None:
             self.source.clock.tell()
-        self._publish_truth(stamp_ns)  # for which nobody waits, while who hears the time computes
+        self._publish_truth()  # for which nobody waits, while who hears the time computes
 
     def _look_for_divergence(self) -> None:
         """Note since when the state is none that the robot can have."""
@@ -413,6 +430,7 @@ class PlantNode(RobotNode):
     def _advance(self) -> None:
         """Step under the drives' effort: commands and feedback, saturated."""
         effort, tau, command = self.effort, self._tau, self._command
+        wanted = effort
         if command is None or (self.command_input.age(self.clock.now()) > self._command_timeout):
             effort[:] = 0.0
         elif self._by_impedance:
@@ -420,52 +438,50 @@ class PlantNode(RobotNode):
             effort[:] = given + stiffness * (place - self.q[self._index])
             effort += damping * (rate - self.qd[self._index])
         else:
-            effort[:] = command
-        controlled = self._has_feedback and self.follower.sample(
+            wanted = command
+        if self._has_feedback and self.follower.sample(
             self._tick_time, self._wanted, self._wanted_rate, self._wanted_acceleration
-        )
-        if controlled:
+        ):
             # the state-independent part, for the step that takes the rest implicitly
-            tau[self._index] = effort + self._kp * self._wanted + self._kd * self._wanted_rate
-            effort += self._kp * (self._wanted - self.q[self._index])
+            tau[self._index] = wanted + self._kp * self._wanted + self._kd * self._wanted_rate
+            np.add(wanted, self._kp * (self._wanted - self.q[self._index]), out=effort)
             effort += self._kd * (self._wanted_rate - self.qd[self._index])
-        if controlled and (np.abs(effort) <= self._upper).all():
-            self._simulated.controlled(tau)
-            return
-        np.minimum(effort, self._upper, out=effort)
-        np.maximum(effort, self._lower, out=effort)
-        tau[self._index] = effort
+            if (np.abs(effort) <= self._upper).all():
+                self._simulated.controlled(tau)
+                return
+            wanted = effort
+        self._saturate(wanted, self._upper, effort, self._index, tau)
         self._simulated.free(tau)
 
     def _publish(self, stamp_ns: int) -> None:
         simulated, state = self._simulated, self._state_message
-        q, qd = simulated.q, simulated.qd
         if self._base_out is not None:
-            self._base_out.send(stamp_ns, self.robot, q, qd)
-        self._measured.positions(q, state.position)
-        self._measured.positions(qd, state.velocity)
-        state.effort[:] = 0.0
-        state.effort[self._drives] = self.effort
-        self._measured.efforts(q, qd, state.effort)
+            self._base_out.send(stamp_ns, self.robot, simulated.q, simulated.qd)
+        self._fill(stamp_ns)
+        if self._measured.any_behind:
+            q, qd = simulated.q, simulated.qd
+            self._measured.positions(q, state.position)
+            self._measured.positions(qd, state.velocity)
+            self._measured.efforts(q, qd, state.effort)
         for values, deviation in self._noisy:
             self._generator.standard_normal(out=self._noise)
             self._noise *= deviation
             values += self._noise
-        self._send_state(state.bytes(stamp_ns))
+        self._send_state(state.bytes())
+        if not self._has_sensors:
+            return
         if self.sensors:
             self.sensors.send(stamp_ns, simulated.sensor_values())
         if self.inertial_sensors:
             self.inertial_sensors.send(stamp_ns, simulated.inertial_values())
 
-    def _publish_truth(self, stamp_ns: int) -> None:
+    def _publish_truth(self) -> None:
         """Publish the true state: deflections of the tips, and all coordinates."""
-        simulated = self._simulated
         if self._deflection_listeners():
-            bent = self._deflection_message
-            simulated.tip_deflections(*self._deflection_arrays)
-            self._send_deflection(bent.bytes(stamp_ns))
+            self._simulated.tip_deflections(*self._deflection_arrays)
+            self._send_deflection(self._deflection_message.bytes())
         if self._modal_listeners():
-            self._send_modal(self._modal_message.encode(stamp_ns, simulated.q, simulated.qd))
+            self._send_modal(self._modal_message.bytes())
 
     # ---- diagnostics
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
@@ -33,6 +33,7 @@ from denoc_ros.nodes.sensor_inputs import SEARCH_PERIOD, BaseInput, SensorInputs
 from denoc_ros.runtime.clocks import StampOf
 from denoc_ros.runtime.conversions import JointStateReader
 from denoc_ros.runtime.live_observer import Adaptation, build_observer, fusion_status, is_observers
+from denoc_ros.runtime.message_numbers import MessageFiller, Numbers
 from denoc_ros.runtime.motion_bounds import limits_of, motion_bounds
 from denoc_ros.runtime.parameters import Settings
 from denoc_ros.runtime.predictor_parameters import TABLE
@@ -45,6 +46,7 @@ MOTION = ('position', 'velocity')
 Measurement = tuple[float, Array, Array | None, Array | None]
 MOST_STEPS = 20  # periods of a processor's time that measurements may take after a pause
 QUEUE = 64  # measurements kept for a late tick
+TRANSLATION = np.array([3, 7, 11], dtype=np.intp)  # where a pose has it, row by row
 
 
 class PredictorOutputs:
@@ -73,7 +75,7 @@ class PredictorOutputs:
         self._modal_arrays = modal.position, modal.velocity
         self._ahead_arrays = ahead.position, ahead.velocity
         self._pose = PoseMessage(base_frame)
-        self._place = self._pose.values[:3]
+        self._tip = np.zeros((4, 4))
         self._turned = self._pose.values[3:]
         ready(write_quaternion)
         self._residual = JointStateMessage((), ('position',))
@@ -92,31 +94,51 @@ class PredictorOutputs:
         publishers['tip_pose'] = node.create_publisher(PoseStamped, '~/tip_pose', STATE)
         self._sends = {topic: raw_publish(publisher) for topic, publisher in publishers.items()}
         self._listeners = {topic: listeners(publisher) for topic, publisher in publishers.items()}
+        of_state = ('tip_deflection', 'modal_state', 'tip_pose')
+        self._state_listeners = [self._listeners[topic] for topic in of_state]
+        self._send_deflection, self._send_modal, self._send_pose = (
+            self._sends[topic] for topic in of_state
+        )
 
     def has_listener(self, topic: str) -> bool:
         """Say whether anybody would receive a message: without listeners it is not computed."""
         return bool(self._listeners[topic]())
 
-    def send_state(self, stamp_ns: int, observer: Observer) -> None:
-        """Publish tip deflections and modal state, where somebody listens."""
-        listeners = self._listeners
-        if listeners['tip_deflection']():
+    def attach(self, observer: Observer, write_pose: Callable[[Array, Array], object]) -> None:
+        """Take what is published from an observer; `write_pose` writes the tip's pose (4, 4)."""
+        self._observer, self._write_pose = observer, write_pose
+        modal, pose = self._modal, self._pose
+        self._has_springs = bool(observer.springs.hidden)
+        copies: list[tuple[Numbers, Numbers]] = [
+            (pose.values[:3], (self._tip.ravel(), TRANSLATION))
+        ]
+        if not self._has_springs:
+            copies += [(modal.position, observer.q), (modal.velocity, observer.qd)]
+        self._fill = MessageFiller((self._deflection, modal, pose), copies).fill
+
+    def send_state(self, stamp_ns: int) -> None:
+        """Publish tip deflections, modal state and the tip's pose, where somebody listens."""
+        observer = self._observer
+        bends, has_modes, is_placed = [listeners() for listeners in self._state_listeners]
+        if bends:
             observer.deflections.evaluate(observer.q, observer.qd, out=self._deflection_arrays)
-            self._sends['tip_deflection'](self._deflection.bytes(stamp_ns))
-        if listeners['modal_state']():
+        if has_modes and self._has_springs:
             observer.modal_state(self._modal_arrays)
-            self._sends['modal_state'](self._modal.bytes(stamp_ns))
+        if is_placed:
+            self._write_pose(observer.q, self._tip)
+            write_quaternion(self._tip, self._turned)
+        self._fill(stamp_ns)
+        if bends:
+            self._send_deflection(self._deflection.bytes())
+        if has_modes:
+            self._send_modal(self._modal.bytes())
+        if is_placed:
+            self._send_pose(self._pose.bytes())
 
     def send_ahead(self, stamp_ns: int, q: Array, qd: Array, deflections: TipDeflections) -> None:
         """Publish predicted tip deflections; the stamp is the time they are for."""
         deflections.evaluate(q, qd, out=self._ahead_arrays)
         self._sends['tip_deflection_predicted'](self._ahead.bytes(stamp_ns))
-
-    def send_pose(self, stamp_ns: int, pose: Array) -> None:
-        """Publish the pose (4, 4) of the deflected end effector."""
-        self._place[:] = pose[:3, 3]
-        write_quaternion(pose, self._turned)
-        self._sends['tip_pose'](self._pose.bytes(stamp_ns))
 
     def send_residual(self, stamp_ns: int, sensors: SensorInputs, predicted: Array) -> None:
         """Publish measured minus predicted of the sensors heard so far."""
@@ -182,8 +204,6 @@ class PredictorNode(RobotNode):
             len(self.joints), settings.number('reference_timeout'), self.bounds
         )
         self._wanted = np.zeros((3, len(self.joints)))
-        self._pose = np.zeros((4, 4))
-        self._write_pose = robot.pose_of(self.tip)
         self._reader = JointStateReader(
             self.joints, settings.flag('allow_extra_joints'), robot.joint_names, self.bounds
         )
@@ -198,6 +218,7 @@ class PredictorNode(RobotNode):
             self.observer.deflections.names,
             self.base_frame,
         )
+        self.outputs.attach(self.observer, robot.pose_of(self.tip))
         self.sensors.update(robot.tree)
         self._lines = CentreLines(robot.copy())
         self._line_markers = LineMarkers(self.base_frame)
@@ -222,7 +243,7 @@ class PredictorNode(RobotNode):
         """Run all functions of tick and timers once, so that nothing compiles in the loop."""
         zero = np.zeros(self.robot.n)
         self.observer.deflections.evaluate(zero, zero)
-        self._write_pose(zero, self._pose)
+        self.robot.pose_of(self.tip)(zero, np.zeros((4, 4)))
         self.robot.beam_sensor_values(zero, zero, zero)
         self._line_markers.encode(self._lines.points(zero), 0)
 
@@ -245,8 +266,7 @@ class PredictorNode(RobotNode):
 
     def _on_joint_state(self, raw: bytes, now: float) -> None:
         reader = self._reader
-        admit = partial(self.joint_input.accept, now=now)
-        reader.read(raw, admit, self._takes_effort)
+        reader.read(raw, partial(self.joint_input.accept, now=now), self._takes_effort)
         taken = self._stamps.taken_at(1e-9 * reader.stamp_ns, now, 1e-9 * self.stamp_ns_at(now))
         velocity = reader.velocity if reader.has_velocity else None
         effort = reader.effort if reader.has_effort else None
@@ -257,7 +277,7 @@ class PredictorNode(RobotNode):
 
     def _on_effort(self, raw: bytes, now: float) -> None:
         reader = self._effort_reader
-        reader.read(raw, lambda stamp_ns: self.effort_input.accept(stamp_ns, now), True)
+        reader.read(raw, partial(self.effort_input.accept, now=now), with_effort=True)
         if self.by_torque:
             self.observer.take_effort(reader.effort)
 
@@ -314,7 +334,7 @@ class PredictorNode(RobotNode):
                 self.adaptation.sense(*value)
             self.adaptation.apply(observer)
             observer.tick(self._now)
-            if observer.started and not observer.stale:
+            if observer.is_current:
                 self._publish(observer)
             if self.clock.is_simulated and self._now >= self._draw_due:
                 self._draw_due = self._now + self._draw_period
@@ -344,12 +364,9 @@ class PredictorNode(RobotNode):
     def _publish(self, observer: Observer) -> None:
         stamp_ns = self._stamp_of(observer.time)
         outputs = self.outputs
-        outputs.send_state(stamp_ns, observer)
+        outputs.send_state(stamp_ns)
         if self.adaptation.fresh and self.adaptation.tracker is not None:
             outputs.send_parameters(stamp_ns, self.adaptation.tracker)
-        if outputs.has_listener('tip_pose'):
-            self._write_pose(observer.q, self._pose)
-            outputs.send_pose(stamp_ns, self._pose)
         horizon = observer.settings.horizon
         if horizon > 0.0 and outputs.has_listener('tip_deflection_predicted'):
             follow = self._follows(observer.time)
@@ -385,7 +402,7 @@ class PredictorNode(RobotNode):
         observer.adopt(self.observer)
         adaptation.adopt(self.adaptation)
         self.robot, self.observer, self.adaptation = robot, observer, adaptation
-        self._write_pose = robot.pose_of(self.tip)
+        self.outputs.attach(observer, robot.pose_of(self.tip))
         self.sensors.update(robot.tree)
 
     def _start_anew(self) -> None:

@@ -28,6 +28,7 @@ from denoc_ros.nodes.robot_node import RobotNode
 from denoc_ros.nodes.sensor_inputs import SEARCH_PERIOD, SensorInputs
 from denoc_ros.runtime.conversions import JointStateReader
 from denoc_ros.runtime.live_state_feedback import LiveStateFeedback
+from denoc_ros.runtime.message_numbers import MessageFiller, Numbers
 from denoc_ros.runtime.parameters import Settings
 from denoc_ros.runtime.status import Status
 from denoc_ros.runtime.strain_feedback import StrainFeedback
@@ -97,10 +98,9 @@ class TorqueFeedback:
 
     def take_joints(self, reader: JointStateReader, now: float) -> None:
         """Take the joint states that have arrived at a time of the steady clock [s]."""
-        if self.state.wanted:
-            velocity = reader.velocity if reader.has_velocity else None
-            wall = 1e-9 * self._node.stamp_ns_at(now)
-            self.state.take_joints(1e-9 * reader.stamp_ns, now, wall, reader.position, velocity)
+        velocity = reader.velocity if reader.has_velocity else None
+        wall = 1e-9 * self._node.stamp_ns_at(now)
+        self.state.take_joints(1e-9 * reader.stamp_ns, now, wall, reader.position, velocity)
 
     @property
     def busy(self) -> bool:
@@ -237,6 +237,11 @@ class TorqueOutput:
     ----------
     node : DenocNode
     joints : sequence of str
+    motion : three (joints,) arrays
+        Desired positions, rates and accelerations: what is in them when a torque is sent goes
+        with it.
+    torque : (joints,) array
+        What is sent [N m or N].
     every_message : bool
         Whether effort is an answer to each input, of which none may be lost.
     with_point : bool
@@ -254,11 +259,14 @@ class TorqueOutput:
         self,
         node: DenocNode,
         joints: Sequence[str],
+        motion: tuple[Array, Array, Array],
+        torque: Array,
         every_message: bool,
         with_point: bool,
         impedance: ImpedanceOutput | None = None,
     ) -> None:
         self.sent, self._impedance = 0, impedance
+        self._motion, self._torque = motion, torque
         self._effort = JointStateMessage(joints, ('position', 'velocity', 'effort'))
         self._commands = CommandMessage(joints)
         self._point = TrajectoryPointMessage(joints) if with_point else None
@@ -268,49 +276,40 @@ class TorqueOutput:
         # in simulated time none may be lost; in real time an old one is worth nothing
         command_qos = EVERY_MESSAGE if node.clock.is_simulated else COMMAND
         commands = node.create_publisher(Float64MultiArray, '~/commands', command_qos)
-        self._point_out = (
-            node.create_publisher(JointTrajectory, '~/joint_trajectory', COMMAND)
-            if with_point
-            else None
-        )
         self._publish_effort, self._publish_commands = raw_publish(effort), raw_publish(commands)
+        q, qd, qdd = motion
+        message, point = self._effort, self._point
+        copies: list[tuple[Numbers, Numbers]] = [
+            (self._commands.values, torque),
+            (message.position, q),
+            (message.velocity, qd),
+            (message.effort, torque),
+        ]
+        if point is not None:
+            publisher = node.create_publisher(JointTrajectory, '~/joint_trajectory', COMMAND)
+            self._publish_point = raw_publish(publisher)
+            copies += [(point.positions, q), (point.velocities, qd), (point.accelerations, qdd)]
+            copies += [(point.effort, torque)]
+        self._fill = MessageFiller((message,), copies).fill
 
-    def send(
-        self,
-        stamp_ns: int,
-        q: Array,
-        qd: Array,
-        qdd: Array,
-        torque: Array,
-        is_following: bool = True,
-    ) -> None:
-        """Publish the torque (n,) that goes with a desired state, on all topics.
-
-        `is_following` says whether the state is the reference's.
-        """
-        self._commands.values[:] = torque
+    def send(self, stamp_ns: int, is_following: bool = True) -> None:
+        """Publish the torque on all topics; say whether the motion is the reference's."""
+        self._fill(stamp_ns)
         self._publish_commands(self._commands.bytes())
         self.sent += 1
-        self.send_effort(stamp_ns, q, qd, torque)
+        if self._effort_listeners():
+            self._publish_effort(self._effort.bytes())
         if self._impedance is not None:
-            self._impedance.send(stamp_ns, q, qd, torque, is_following)
-        point = self._point
-        if point is not None and self._point_out is not None:
-            point.positions[:] = q
-            point.velocities[:] = qd
-            point.accelerations[:] = qdd
-            point.effort[:] = torque
-            self._point_out.publish(point.bytes())
+            q, qd, _ = self._motion
+            self._impedance.send(stamp_ns, q, qd, self._torque, is_following)
+        if self._point is not None:
+            self._publish_point(self._point.bytes())
 
-    def send_effort(self, stamp_ns: int, q: Array, qd: Array, torque: Array) -> None:
+    def send_effort(self, stamp_ns: int) -> None:
         """Publish `~/effort` only: position and velocity are those the torque is for."""
-        if not self._effort_listeners():
-            return
-        message = self._effort
-        message.position[:] = q
-        message.velocity[:] = qd
-        message.effort[:] = torque
-        self._publish_effort(message.bytes(stamp_ns))
+        self._fill(stamp_ns)
+        if self._effort_listeners():
+            self._publish_effort(self._effort.bytes())
 
 
 class BaseWrench:

@@ -18,25 +18,10 @@ from numpy.typing import NDArray
 from denoc_ros.bags.cdr import CdrReader, aligned
 from denoc_ros.bags.joint_state import FIELDS, JointStateLayout, read_names
 from denoc_ros.errors import ConfigError
-from denoc_ros.kernels.compiled import entry, ready
-from denoc_ros.kernels.message_values import (
-    BOUNDS,
-    BYTES_TYPE,
-    FIXED,
-    GIVEN,
-    JOINTS,
-    LENGTH,
-    OTHER,
-    PARTS,
-    PATTERN,
-    PLACES,
-    RECORD,
-    VALUES,
-    bytes_type,
-    take_numbers,
-)
+from denoc_ros.kernels.message_values import OTHER
 from denoc_ros.model.poses import rotation_rpy
 from denoc_ros.runtime.input_monitor import MOST_JOINTS, InputError
+from denoc_ros.runtime.message_numbers import NumberTaker
 from denoc_ros.runtime.motion_bounds import MotionBounds
 from denoc_ros.types import Array
 
@@ -127,7 +112,6 @@ class JointStateReader:
         # within which any number is
         self._unbounded = np.outer((-np.inf, np.inf, -np.inf, np.inf), np.ones(n))
         self._taker: NumberTaker | None = None
-        ready(take_numbers)
 
     def read(
         self, raw: bytes, admit: Callable[[int], None] | None = None, with_effort: bool = False
@@ -227,72 +211,6 @@ class JointStateReader:
             starts = [start if count else None for start, count in layout.blocks]
             self._taker = NumberTaker(raw, layout.fixed, starts, places)
         return layout
-
-
-class NumberTaker:
-    """Takes the numbers of messages of one little-endian layout, each by one compiled call.
-
-    Parameters
-    ----------
-    raw : bytes
-        A message of the layout.
-    fixed : sequence of (int, int)
-        First byte, and the one after the last, of parts that are the same in all of them.
-    starts : sequence of three int or None
-        First bytes of the rows of numbers: position, velocity, effort.
-    places : (n,) array of int
-        Which numbers of a row are taken.
-
-    Attributes
-    ----------
-    values : (3, n) array
-        Of the last message; zeros where it has none.
-    given : memoryview of three int
-        1 where it has them.
-    """
-
-    def __init__(
-        self,
-        raw: bytes,
-        fixed: Sequence[tuple[int, int]],
-        starts: Sequence[int | None],
-        places: NDArray[np.intp],
-    ) -> None:
-        n = len(places)
-        self.values: Array = np.zeros((len(FIELDS), n))
-        given = np.zeros(len(FIELDS), dtype=np.int64)
-        self.given = given.data  # read without an array's detours
-        rows = np.full((len(FIELDS), n), -1, dtype=np.int64)
-        for row, start in zip(rows, starts, strict=True):
-            if start is not None:
-                row[:] = start + 8 * places
-        self._bounds: Array | None = None
-        parts = np.array(fixed, dtype=np.int64)
-        pattern = np.frombuffer(raw, np.uint8)
-        self._record = np.zeros(RECORD, dtype=np.int64)
-        self._kept = parts, pattern, rows, raw  # as long as the record has their addresses
-        for at, array in (
-            (PATTERN, pattern),
-            (FIXED, parts),
-            (PLACES, rows),
-            (VALUES, self.values),
-            (GIVEN, given),
-        ):
-            self._record[at] = array.ctypes.data
-        self._record[[LENGTH, PARTS, JOINTS, BYTES_TYPE]] = len(raw), len(parts), n, bytes_type()
-        self._address = self._record.ctypes.data
-        ready(take_numbers)
-        self._take = entry(take_numbers)
-
-    def take(self, raw: bytes, bounds: Array) -> int:
-        """Take a message's numbers; return its stamp [ns], or OTHER as `take_numbers` does.
-
-        `bounds` (4, n) are least and largest position, least and largest velocity.
-        """
-        if bounds is not self._bounds:
-            self._bounds = np.ascontiguousarray(bounds, dtype=np.float64)
-            self._record[BOUNDS] = self._bounds.ctypes.data
-        return self._take(self._address, raw)
 
 
 def joint_names(raw: bytes) -> tuple[str, ...]:

@@ -142,17 +142,24 @@ class InputMonitor:
             what was true then (stamp 0 is none).
         """
         last = self._last_stamp
-        if last is not None and stamp_ns is not None and stamp_ns < last:
+        if stamp_ns is None:
+            stamp_ns = last
+        elif last is not None and stamp_ns <= last:
+            self._require_new(stamp_ns, last)
+        self._last_stamp = stamp_ns
+        self._last_time = now
+        self.accepted += 1
+
+    def _require_new(self, stamp_ns: int, last: int) -> None:
+        """Refuse a stamp that is not later than the last one; 0 may come again."""
+        if stamp_ns < last:
             raise InputError(
                 'backwards_stamp',
                 f'{self.topic} stamp must not go back, got {stamp_ns} ns after {last} ns; '
                 'a reset forgets the last one',
             )
-        if stamp_ns and stamp_ns == last:
+        if stamp_ns:
             raise InputError('duplicate', f'{self.topic} stamp must be new, got {last} ns again')
-        self._last_stamp = last if stamp_ns is None else stamp_ns
-        self._last_time = now
-        self.accepted += 1
 
     def reject(self, error: InputError) -> bool:
         """Count a refused message; say whether it is the first of its cause."""

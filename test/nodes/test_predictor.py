@@ -142,7 +142,7 @@ def test_what_nobody_listens_to_is_not_computed(
     for name in ('tick', 'predict', 'modal_state'):
         count(node.observer, name)
     count(node.observer.deflections, 'evaluate')
-    count(node, '_write_pose')
+    count(node.outputs, '_write_pose')
     publisher = graph.publisher(JointState, 'joint_states')
 
     def go_on_until(condition: Callable[[], bool]) -> None:

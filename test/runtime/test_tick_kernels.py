@@ -16,9 +16,11 @@ from denoc_ros.dynamics.robot import load_robot
 from denoc_ros.errors import StateError
 from denoc_ros.estimation.tracking import TrackingFilter
 from denoc_ros.kernels.joint_tracking import MEMORY
+from denoc_ros.kernels.torque_limits import saturate
 from denoc_ros.model.tree import Limits
 from denoc_ros.runtime.conversions import LARGEST_EFFORT, JointStateReader
 from denoc_ros.runtime.input_monitor import InputError
+from denoc_ros.runtime.message_numbers import MessageFiller
 from denoc_ros.runtime.motion_bounds import MotionBounds
 from denoc_ros.runtime.torque import TorqueLimiter
 from denoc_ros.trajectories import SplineTrajectory
@@ -88,6 +90,70 @@ def test_a_message_of_known_layout_is_taken_or_refused_as_step_by_step(
         reader.read(at_rest)
         found.append(reading(reader, bytes(raw), stepwise, with_effort))
     assert found[0] == found[1]
+
+
+@settings(max_examples=50, deadline=None)
+@given(
+    stamp_ns=st.one_of(
+        st.integers(-(1 << 62), 1 << 62),
+        st.sampled_from([-1, 0, 999_999_999, 1 << 31, (1 << 31) * 1_000_000_000]),
+    ),
+    order=st.permutations(range(3)),
+)
+def test_filled_messages_are_those_that_are_written_field_by_field(
+    stamp_ns: int, order: list[int]
+) -> None:
+    random, places = np.random.default_rng(1), np.array(order)
+    names, filled = list(JOINTS), [JointStateMessage(JOINTS, FIELDS, 'frame') for _ in range(2)]
+    q, unstamped = random.standard_normal(3), filled[1].bytes()
+    matrix = random.standard_normal((4, 4))
+    column = matrix.ravel(), np.array([3, 7, 11])
+    first, second = filled
+    filler = MessageFiller(
+        [first],
+        [
+            (first.position, (q, places)),
+            ((first.velocity, places), q),
+            (first.effort, column),
+            (second.effort, matrix[:3, 1]),
+        ],
+    )
+    for _ in range(2):  # what is in the arrays by then
+        q[:] = random.standard_normal(3)
+        matrix[:] = random.standard_normal((4, 4))
+        filler.fill(stamp_ns)
+        velocity = np.zeros(3)
+        velocity[places] = q
+        expected = JointStateMessage(names, FIELDS, 'frame')
+        raw = expected.encode(stamp_ns, q[places], velocity, matrix[:3, 3])
+        assert first.bytes() == raw
+        second.effort[:] -= matrix[:3, 1]
+        assert second.bytes() == unstamped
+
+
+def test_only_vectors_of_doubles_are_copied_into_messages() -> None:
+    message = JointStateMessage(JOINTS, FIELDS)
+    for wrong in (np.zeros(3, dtype=np.int64), np.zeros((3, 1))):
+        with pytest.raises(ValueError, match='numbers must be a vector of doubles'):
+            MessageFiller([message], [(message.position, wrong)])
+    with pytest.raises(ValueError, match='as many numbers'):
+        MessageFiller([message], [(message.position, np.zeros(2))])
+
+
+@given(
+    wanted=st.lists(st.floats(-3.0, 3.0) | st.just(np.nan), min_size=3, max_size=3),
+    order=st.permutations(range(4)),
+)
+def test_efforts_are_saturated_and_put_where_their_drives_are(
+    wanted: list[float], order: list[int]
+) -> None:
+    limits, tau, effort = np.array([1.0, 2.0, np.inf]), np.full(4, 7.0), np.zeros(3)
+    places = np.array(order[:3])
+    saturate(np.array(wanted), limits, effort, places, tau)
+    np.testing.assert_array_equal(effort, np.clip(wanted, -limits, limits))
+    expected = np.full(4, 7.0)
+    expected[places] = effort
+    np.testing.assert_array_equal(tau, expected)
 
 
 @pytest.mark.parametrize('has_rates', [True, False])
