@@ -24,6 +24,8 @@ HEAVY_SHARE = 0.25  # of the time, so that services and timers are served in a f
 # ns that a stamp of the simulated clock may be before, or ahead of, the clock when it comes
 SAME_CLOCK = 1_000_000_000
 POINT = ('positions', 'velocities', 'accelerations', 'effort')  # of a JointTrajectoryPoint
+COUNTED = 5e-3  # s between counts of the publishers while nothing comes
+NONE = -1  # number of no message
 EVEN = 1000  # ns by which intervals of a regular input differ
 # raw message, and when it arrived on the robot's clock [s]
 Handler = Callable[[bytes, float], None]
@@ -216,6 +218,9 @@ class Input:
         self._publishing = 0  # publishers after the last take
         self._active_publishers = ActivePublishers(monitor.max_publishers)
         self.number: int | None = None
+        # the next number of the only publisher, where messages are numbered; in simulated time
+        # and while there are several publishers, each message gets a closer look
+        self._following, self._count_due = NONE, -math.inf
         # when the last message came that was alone, until the count of publishers knows of it
         self._only: float | None = None
         self._stamp_ns = stamp_reader(message_type)
@@ -229,28 +234,28 @@ class Input:
         self._last_take = perf_counter()
         first = self._take_message(self._kind, True)
         if first is None:
-            self._publishing = self._publishers()
+            if self._last_take >= self._count_due:
+                self._count_due = self._last_take + COUNTED
+                self._publishing = self._publishers()
             if self._later:
                 self._give_due()
             return
         more = None if self._depth == 1 else self._take_message(self._kind, True)
-        # counted after that, and before: what waited may be from one that came or went since
-        publishers, publishing = self._publishers(), self._publishing
-        self._publishing = publishers
         raw, info = first
+        number = info['publication_sequence_number']
         if (
             more is not None
-            or publishers != publishing
-            or publishers > self.monitor.max_publishers
-            or self._is_simulated
+            or number != self._following
             or (self._is_heavy is not never_heavy and self._waits(raw))
         ):
+            # counted after that, and before: what waited may be from one that came or went since
+            publishing, self._publishing = self._publishing, self._publishers()
+            publishing = max(publishing, self._publishing)
             waiting = [first] if more is None else [first, more]
-            self._take_more(self._take_message, waiting, max(publishers, publishing), before)
+            self._take_more(self._take_message, waiting, publishing, before)
             return
-        # as nearly every tick; moments as `arrivals` does
-        self.number = info['publication_sequence_number']
-        self._only = self._last_take
+        # the next one of the only publisher, as nearly every tick; moments as `arrivals` does
+        self.number, self._following, self._only = number, number + 1, self._last_take
         now = perf_counter()
         came = now - 1e-9 * (time_ns() - info['received_timestamp'])
         self._give(raw, now if came > now else before if came < before else came)
@@ -279,7 +284,9 @@ class Input:
             waiting += _taken(take, self._kind, self._depth - len(waiting))
         numbers = [info['publication_sequence_number'] for _, info in waiting]
         sending = self._active_publishers.count(publishing, numbers, now)
-        self.number = numbers[-1]
+        number = self.number = numbers[-1]
+        is_alone = publishing <= self.monitor.max_publishers and not self._is_simulated
+        self._following = number + 1 if is_alone and number is not None else NONE
         if self._is_simulated:
             for raw, _ in waiting:
                 self._queue(raw, sending)

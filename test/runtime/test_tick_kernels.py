@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -133,7 +134,8 @@ def test_filled_messages_are_those_that_are_written_field_by_field(
 
 def test_only_vectors_of_doubles_are_copied_into_messages() -> None:
     message = JointStateMessage(JOINTS, FIELDS)
-    for wrong in (np.zeros(3, dtype=np.int64), np.zeros((3, 1))):
+    others: list[Any] = [np.zeros(3, dtype=np.int64), np.zeros((3, 1))]
+    for wrong in others:
         with pytest.raises(ValueError, match='numbers must be a vector of doubles'):
             MessageFiller([message], [(message.position, wrong)])
     with pytest.raises(ValueError, match='as many numbers'):
