@@ -202,14 +202,15 @@ class SplineTrajectory(Trajectory):
             qd = _spline_rates(times, q, initial_rate)
         if qdd is None:
             qdd = _knot_accelerations(times, q, qd)
-        self._times: Array = np.ascontiguousarray(times, dtype=np.float64)
+        self._times: Array = np.array(times, dtype=np.float64)
         self._pieces = _quintics(times, q, qd, qdd)
         rates = np.zeros_like(self._pieces)
         rates[:, :-1] = self._pieces[:, 1:] * np.arange(1.0, 6.0)[:, None]
         bends = np.zeros_like(rates)
         bends[:, :-1] = rates[:, 1:] * np.arange(1.0, 6.0)[:, None]
         # position, velocity and acceleration by the powers of the time: one call for all
-        self._motion = np.concatenate((self._pieces, rates, bends), axis=2)
+        motion = np.concatenate((self._pieces, rates, bends), axis=2)
+        self._motion = np.ascontiguousarray(motion)  # of columns it is not
         self._sample = entry(sample_quintics)
         self._result = np.zeros(3 * self.n)
         # views of it

@@ -138,15 +138,18 @@ def test_knots_of_a_posture_hold_it() -> None:
         np.testing.assert_array_equal(one, other)
 
 
-def test_a_spline_is_sampled_as_its_rows_are() -> None:
+@pytest.mark.parametrize('order', ['C', 'F'])
+def test_a_spline_is_sampled_as_its_rows_are(order: Any) -> None:
     random = np.random.default_rng(3)
     times = np.cumsum(random.uniform(0.01, 1.0, 9))
-    spline = SplineTrajectory(times, random.standard_normal((9, 4)))
-    moments = np.concatenate(([0.0], times, random.uniform(0.0, times[-1], 200)))
-    moments = moments[moments < spline.duration]
-    rows = spline.rows(moments)
-    for k, moment in enumerate(moments):
-        found = np.zeros((3, 4))
-        spline.sample(float(moment), *found)
-        for one, row in zip(found, rows, strict=True):
-            np.testing.assert_allclose(one, row[k], rtol=1e-9, atol=1e-9)
+    points = [np.array(random.standard_normal((9, 4)), order=order) for _ in range(3)]
+    for given in (points[:1], points[:2], points):
+        spline = SplineTrajectory(times, *given)
+        moments = np.concatenate(([0.0], times, random.uniform(0.0, times[-1], 200)))
+        moments = moments[moments < spline.duration]
+        rows = spline.rows(moments)
+        for k, moment in enumerate(moments):
+            found = np.zeros((3, 4))
+            spline.sample(float(moment), *found)
+            for one, row in zip(found, rows, strict=True):
+                np.testing.assert_allclose(one, row[k], rtol=1e-9, atol=1e-9)
