@@ -143,6 +143,12 @@ def field_of(option: str) -> str:
     return option.partition(' ')[0].lstrip('-').replace('-', '_')
 
 
+def option_of(field: str, row: Parameter) -> str:
+    """Return the option of a field of settings, and the form of its value: its unit."""
+    form = row.unit.upper().replace(' ', '_').replace('^', '')
+    return f'--{field.replace("_", "-")} {form}'.rstrip()
+
+
 def add_settings(group: Any, kind: type, *options: str, unset: bool = False) -> None:
     """Declare options that are called like the declared fields of a class of settings.
 
