@@ -59,7 +59,7 @@ class GridMotion:
 
     def __init__(self, start: float, step: float, q: Array, qd: Array, qdd: Array) -> None:
         self._start = start
-        self._pieces = SplineTrajectory(step * np.arange(len(q)), q, qd, qdd)
+        self._pieces = SplineTrajectory(np.arange(len(q)) * np.float64(step), q, qd, qdd)
 
     def sample(self, times: Array) -> tuple[Array, Array, Array]:
         """Return positions, rates and accelerations (m, n) at times (m,) [s]."""
