@@ -30,6 +30,7 @@ from denoc_ros.model.arrays import is_flexible
 from denoc_ros.model.findings import Element, Findings
 from denoc_ros.model.inertia import beam_inertia, moved, total
 from denoc_ros.model.mjcf_visuals import add_rod, add_visuals
+from denoc_ros.model.poses import pose_of
 from denoc_ros.model.segments import deformations
 from denoc_ros.model.tree import (
     Attachment,
@@ -571,9 +572,7 @@ def _interpolated(
 
 
 def _shifted(inertia: RigidInertia, x: float) -> RigidInertia:
-    shift = np.eye(4)
-    shift[0, 3] = x
-    return moved(inertia, shift)
+    return moved(inertia, pose_of((x, 0.0, 0.0)))
 
 
 def _range(limits: Limits) -> dict[str, str]:
