@@ -47,11 +47,14 @@ def add_option(parser: Any, option: str, text: str, default: Any = None, **more:
     parser.add_argument(name, default=default, help=text, **more)
 
 
-def add_output(parser: Any, form: str, text: str, required: bool = False) -> None:
+def add_output(
+    parser: Any, form: str, text: str, required: bool = False, default: Path | None = None
+) -> None:
     """Declare `-o` and `--output`, a path that the help shows as `form`."""
     parser.add_argument(
-        '-o', '--output', metavar=form or None, type=Path, required=required, help=text
-    )
+        '-o', '--output', metavar=form or None, type=Path, required=required, default=default,
+        help=text,
+    )  # fmt: skip
 
 
 def add_gravity(

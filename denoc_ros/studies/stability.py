@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from denoc_ros.cli.arguments import add_json, add_option, given_file
+from denoc_ros.cli.arguments import add_json, add_option, add_output, given_file
 from denoc_ros.cli.progress import share_bar
 from denoc_ros.cli.simulate import load
 from denoc_ros.cli.verb_result import VerbResult
@@ -52,14 +52,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add_option(
         parser, 'scenario', 'a YAML file with torques, such as config/scenarios/stability_*.yaml'
     )
-    parser.add_argument(
-        '-o',
-        '--output',
-        metavar='FILE',
-        type=Path,
-        default=Path('stability.html'),
-        help='file of the page; default: stability.html here',
-    )
+    text = 'file of the page; default: stability.html here'
+    add_output(parser, 'FILE', text, default=Path('stability.html'))
     add_json(parser)
 
 
