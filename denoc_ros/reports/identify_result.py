@@ -6,16 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from denoc_ros.reports.figures import (
-    DIFFERENCE_COLOUR,
-    PHASE_COLOURS,
-    RESULT_HEIGHT,
-    TRUTH_COLOUR,
-    Curve,
-    Figure,
-    Panel,
-    line_figure,
-)
+from denoc_ros.reports.figures import RESULT_HEIGHT, Curve, Figure, Ink, Panel, line_figure
 from denoc_ros.reports.pages import Card, PageSection, PageTable, ReportPage, Tone, Verdict
 from denoc_ros.reports.provenance import provenance
 from denoc_ros.reports.text_table import cell_text, text_table
@@ -126,10 +117,10 @@ def fit_figure(
         Times [s] and values.
     """
     curves = [
-        Curve('measured', TRUTH_COLOUR, t, measured),
-        Curve(word, PHASE_COLOURS[0], t, fitted, True),
+        Curve('measured', Ink.TRUTH, t, measured),
+        Curve(word, Ink.PHASES[0], t, fitted, True),
     ]
-    difference = Curve('difference', DIFFERENCE_COLOUR, t, measured - fitted)
+    difference = Curve('difference', Ink.DIFFERENCE, t, measured - fitted)
     panels = [
         Panel(name, unit, [*above, *curves]),
         Panel(f'measured minus {word}', unit, [difference]),

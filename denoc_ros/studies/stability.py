@@ -15,14 +15,7 @@ from denoc_ros.cli.simulate import load
 from denoc_ros.cli.verb_result import VerbResult
 from denoc_ros.cli.verbs import DOUBTFUL
 from denoc_ros.output_files import write_text
-from denoc_ros.reports.figures import (
-    PHASE_COLOURS,
-    TRUTH_COLOUR,
-    Curve,
-    Figure,
-    Panel,
-    line_figure,
-)
+from denoc_ros.reports.figures import Curve, Figure, Ink, Panel, line_figure
 from denoc_ros.reports.pages import Card, PageSection, PageTable, ReportPage, Verdict, engineering
 from denoc_ros.reports.provenance import named_file, provenance
 from denoc_ros.simulation.scenario import Scenario
@@ -145,8 +138,8 @@ def _lines(summary: Mapping[str, Any]) -> Iterator[str]:
 Look = tuple[str, str, bool]  # label, colour, dashed
 
 LOOKS: Mapping[str, Look] = {
-    'recursion': ('recursion', PHASE_COLOURS[1], False),
-    'cholesky': ('Cholesky', PHASE_COLOURS[0], True),
+    'recursion': ('recursion', Ink.PHASES[1], False),
+    'cholesky': ('Cholesky', Ink.PHASES[0], True),
 }
 SMALLEST = 1e-17  # what a deviation of zero is drawn as
 
@@ -227,7 +220,7 @@ def _joint_panels(
     for k, (name, one) in enumerate(zip(study.joint_names, study.joint_units, strict=True)):
         curves = _curves(study, values, k)
         if truth is not None:
-            curves.insert(0, Curve('solution', TRUTH_COLOUR, study.solution.t, truth[:, k]))
+            curves.insert(0, Curve('solution', Ink.TRUTH, study.solution.t, truth[:, k]))
         panels.append(Panel(name, unit.format(one), curves, log_y=log))
     return line_figure(panels)
 
@@ -278,7 +271,7 @@ def _from_desired(study: Study) -> PageSection | None:
 
 
 def _power(study: Study) -> PageSection:
-    solution = Curve('solution', TRUTH_COLOUR, study.solution.t, study.power)
+    solution = Curve('solution', Ink.TRUTH, study.solution.t, study.power)
     panels = [
         Panel('power of the joints', 'W', [solution]),
         Panel('power difference', 'W', _curves(study, lambda one: one.power_difference)),
