@@ -27,13 +27,7 @@ from denoc_ros.errors import DenocError
 from denoc_ros.studies.benchmarks import derivatives, growth, rigid
 from denoc_ros.studies.benchmarks.limits import Account, accounts
 from denoc_ros.studies.benchmarks.peers import flexible_chain, rigid_chain
-from denoc_ros.studies.benchmarks.results import (
-    AT_MOST,
-    BenchCheck,
-    BenchLine,
-    Reach,
-    relative_error,
-)
+from denoc_ros.studies.benchmarks.results import BenchCheck, BenchLine, Reach, relative_error
 from denoc_ros.studies.benchmarks.rigid import TOLERANCE
 from denoc_ros.studies.benchmarks.timing import FULL, QUICK, Spread, Times
 
@@ -301,7 +295,7 @@ def _line(
 ) -> BenchLine:
     each = np.array(took)
     times = Times(float(np.median(each)), float(np.percentile(each, 99)), each)
-    limit = Reach(AT_MOST, reach)
+    limit = Reach(reach)
     return BenchLine('load', what, against, check, 's', Spread.of(each), limit, times, note=note)
 
 
