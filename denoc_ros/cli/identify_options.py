@@ -32,7 +32,6 @@ from denoc_ros.errors import ConfigError
 from denoc_ros.identification.channel import Channel
 from denoc_ros.identification.result import RESULT_FILE, write_result
 from denoc_ros.output_files import Document, write_text
-from denoc_ros.reports.identify_result import values_page, values_text
 from denoc_ros.reports.pages import ReportPage
 from denoc_ros.reports.provenance import versions
 from denoc_ros.settings import declared
@@ -185,21 +184,17 @@ def action_of(name: str) -> Action:
     if not path.startswith('identification.'):
         found: Action = next(action for action in module.DECLARED if action.name == name)
         return found
-    compute = getattr(module, f'identify_{name}')
-    reports = import_module(f'denoc_ros.reports.{pages}') if pages else None
-    return computed_action(
-        name,
-        compute,
-        getattr(reports, f'{name}_text', values_text),
-        getattr(reports, f'{name}_page', values_page),
-    )
+    reports = import_module(f'denoc_ros.reports.{pages or "identify_result"}')
+    shown = name if pages else 'values'
+    text, page = (getattr(reports, f'{shown}_{what}') for what in ('text', 'page'))
+    return computed_action(name, getattr(module, f'identify_{name}'), text, page)
 
 
 def computed_action(
     name: str,
     compute: Callable[..., tuple[Any, ...]],
-    text: Callable[[Document], str] = values_text,
-    page: Callable[..., ReportPage] = values_page,
+    text: Callable[[Document], str],
+    page: Callable[..., ReportPage],
 ) -> Action:
     """Return the action of a computation: description and options are its own.
 
