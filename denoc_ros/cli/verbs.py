@@ -36,40 +36,33 @@ class ActionRow(NamedTuple):
     pages: str = ''  # in reports: `NAME_page` and `NAME_text` of a computation, if it has its own
 
 
+RECORDS, MODEL, RESULTS = 'cli.identify_records', 'cli.identify_model', 'cli.identify_results'
 ACTIONS = {
     'info': ActionRow(
-        'rate, gaps, jitter, clipping, noise of the signals of a recording', 'cli.identify_records'
+        'rate, gaps, jitter, clipping, noise of the signals of a recording', RECORDS
     ),
-    'segment': ActionRow(
-        'find releases, free decays, steps and rests in a signal', 'cli.identify_records'
-    ),
+    'segment': ActionRow('find releases, free decays, steps and rests in a signal', RECORDS),
     'modal': ActionRow(
-        'modes and damping ratios of a free decay, or of a folder of them', 'cli.identify_records'
+        'modes and damping ratios of a free decay, or of a folder of them', RECORDS
     ),
     'joint': ActionRow(
         'viscous and Coulomb friction of a joint from a free swing',
         'identification.joint',
         'identify_signals',
     ),
-    'forced': ActionRow('modes from torque and response', 'cli.identify_records'),
+    'forced': ActionRow('modes from torque and response', RECORDS),
     'servo': ActionRow(
-        'bandwidth, damping, delay and static gain of position-controlled joints',
-        'cli.identify_records',
+        'bandwidth, damping, delay and static gain of position-controlled joints', RECORDS
     ),
     'model': ActionRow(
-        'stiffness, payload, inertia, friction, gains and delays of a whole robot',
-        'cli.identify_model',
+        'stiffness, payload, inertia, friction, gains and delays of a whole robot', MODEL
     ),
     'excite': ActionRow(
-        'plan the motion whose recording identifies numbers of a robot best', 'cli.identify_model'
+        'plan the motion whose recording identifies numbers of a robot best', MODEL
     ),
-    'apply': ActionRow("write identified damping into a robot's URDF", 'cli.identify_results'),
-    'compare': ActionRow(
-        'modes of several runs: mean, spread, repeatability', 'cli.identify_results'
-    ),
-    'postures': ActionRow(
-        'modes at several postures as a table for the shaper', 'cli.identify_results'
-    ),
+    'apply': ActionRow("write identified damping into a robot's URDF", RESULTS),
+    'compare': ActionRow('modes of several runs: mean, spread, repeatability', RESULTS),
+    'postures': ActionRow('modes at several postures as a table for the shaper', RESULTS),
     'selftest': ActionRow(
         'accuracy of the estimators on synthetic decays with known truth', 'studies.selftest'
     ),
