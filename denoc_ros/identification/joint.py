@@ -298,7 +298,7 @@ def _verdict(
 
 @dataclass(frozen=True)
 class JointOptions:
-    """What is known of a joint that swings; each field is an option of `denoc identify joint`."""
+    """Known numbers of a joint that swings; each field is an option of `denoc identify joint`."""
 
     inertia: float | None = optional(
         float,
