@@ -143,8 +143,8 @@ def test_a_spline_is_sampled_as_its_rows_are(order: Any) -> None:
     random = np.random.default_rng(3)
     times = np.cumsum(random.uniform(0.01, 1.0, 9))
     points = [np.array(random.standard_normal((9, 4)), order=order) for _ in range(3)]
-    for given in (points[:1], points[:2], points):
-        spline = SplineTrajectory(times, *given)
+    for velocities, accelerations in ((None, None), (points[1], None), (points[1], points[2])):
+        spline = SplineTrajectory(times, points[0], velocities, accelerations)
         moments = np.concatenate(([0.0], times, random.uniform(0.0, times[-1], 200)))
         moments = moments[moments < spline.duration]
         rows = spline.rows(moments)

@@ -28,13 +28,7 @@ from denoc_ros.cli.processes import free_domain
 from denoc_ros.dynamics.feedforward import TorqueFeedforward
 from denoc_ros.dynamics.robot import load_robot
 from denoc_ros.errors import DenocError
-from denoc_ros.studies.benchmarks.results import (
-    AT_MOST,
-    BenchCheck,
-    BenchLine,
-    Reach,
-    relative_error,
-)
+from denoc_ros.studies.benchmarks.results import BenchCheck, BenchLine, Reach, relative_error
 from denoc_ros.studies.benchmarks.timing import Times, ratio
 from denoc_ros.types import Array
 
@@ -248,7 +242,7 @@ def lines(probe: Probe, checked: BenchCheck) -> list[BenchLine]:
     ours = probe.stations[FEEDFORWARD].times()
     found = []
     for name, against, reach in (
-        (ECHO_EVENTS, 'an empty rclpy node, EventsExecutor', Reach(AT_MOST, REACH)),
+        (ECHO_EVENTS, 'an empty rclpy node, EventsExecutor', Reach(REACH)),
         (ECHO_DEFAULT, 'an empty rclpy node, rclpy.spin', None),
     ):
         peer = probe.stations[name].times()

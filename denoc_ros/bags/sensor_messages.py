@@ -1,7 +1,7 @@
-"""Readings of sensors on beams in the messages of their topics, by message type.
+"""Readings of sensors in the messages of their topics, by message type.
 
-A reader takes the class of a CDR reader, whose errors it raises, a message, and the place of the
-reading in it. It returns stamp [ns], 0 without one, and value.
+A reader of a sensor on a beam takes the class of a CDR reader, whose errors it raises, a message,
+and the place of the reading in it. It returns stamp [ns], 0 without one, and value.
 """
 
 from __future__ import annotations
@@ -91,4 +91,19 @@ READERS: dict[str, Callable[[], Reader]] = {
     'std_msgs/msg/Float64MultiArray': lambda: read_array,
     JOINT_STATE: JointStateValues,
     'geometry_msgs/msg/WrenchStamped': lambda: read_wrench,
+}
+
+
+def axes(part: str, names: str = 'xyz') -> tuple[str, ...]:
+    """Return the dotted paths of the axes of a part of a message."""
+    return tuple(f'{part}.{name}' for name in names)
+
+
+# of inertial sensors: angular rate and specific force, as dotted paths
+INERTIAL_NUMBERS = {
+    'sensor_msgs/msg/Imu': {
+        'gyro': axes('angular_velocity'),
+        'accel': axes('linear_acceleration'),
+    },
+    'geometry_msgs/msg/AccelStamped': {'accel': axes('accel.linear')},
 }

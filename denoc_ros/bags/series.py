@@ -13,7 +13,7 @@ import numpy as np
 from denoc_ros.bags.cdr import CdrError, CdrReader
 from denoc_ros.bags.joint_state import FIELDS, JOINT_STATE, JointStateLayout
 from denoc_ros.bags.reader import Stamp, bag_topics, read_bag, read_raw, require_stamp
-from denoc_ros.bags.sensor_messages import READERS, Place
+from denoc_ros.bags.sensor_messages import INERTIAL_NUMBERS, READERS, Place, axes
 from denoc_ros.errors import BagError
 from denoc_ros.types import Array, Flags, Stamps
 
@@ -23,27 +23,16 @@ ARRAY_TYPES = ('std_msgs/msg/Float64MultiArray', 'std_msgs/msg/Float64')
 ODOMETRY = 'nav_msgs/msg/Odometry'
 
 
-def _axes(part: str, axes: str = 'xyz') -> tuple[str, ...]:
-    return tuple(f'{part}.{axis}' for axis in axes)
-
-
-# Numbers in messages, as dotted paths by message type.
-INERTIAL_NUMBERS = {
-    'sensor_msgs/msg/Imu': {
-        'gyro': _axes('angular_velocity'),
-        'accel': _axes('linear_acceleration'),
-    },
-    'geometry_msgs/msg/AccelStamped': {'accel': _axes('accel.linear')},
-}
+# numbers in messages, as dotted paths by message type
 POSE_NUMBERS = {
-    'geometry_msgs/msg/PoseStamped': (*_axes('pose.position'), *_axes('pose.orientation', 'xyzw'))
+    'geometry_msgs/msg/PoseStamped': (*axes('pose.position'), *axes('pose.orientation', 'xyzw'))
 }
 ODOMETRY_NUMBERS = {  # the twist is in the axes of the child frame
     ODOMETRY: (
-        *_axes('pose.pose.position'),
-        *_axes('pose.pose.orientation', 'xyzw'),
-        *_axes('twist.twist.linear'),
-        *_axes('twist.twist.angular'),
+        *axes('pose.pose.position'),
+        *axes('pose.pose.orientation', 'xyzw'),
+        *axes('twist.twist.linear'),
+        *axes('twist.twist.angular'),
     )
 }
 

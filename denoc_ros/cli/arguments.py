@@ -47,11 +47,14 @@ def add_option(parser: Any, option: str, text: str, default: Any = None, **more:
     parser.add_argument(name, default=default, help=text, **more)
 
 
-def add_output(parser: Any, form: str, text: str, required: bool = False) -> None:
+def add_output(
+    parser: Any, form: str, text: str, required: bool = False, default: Path | None = None
+) -> None:
     """Declare `-o` and `--output`, a path that the help shows as `form`."""
     parser.add_argument(
-        '-o', '--output', metavar=form or None, type=Path, required=required, help=text
-    )
+        '-o', '--output', metavar=form or None, type=Path, required=required, default=default,
+        help=text,
+    )  # fmt: skip
 
 
 def add_gravity(
@@ -141,6 +144,12 @@ def default_of(function: Callable[..., Any], name: str) -> Any:
 def field_of(option: str) -> str:
     """Return the field that an option is called like, which may be followed by its form."""
     return option.partition(' ')[0].lstrip('-').replace('-', '_')
+
+
+def option_of(field: str, row: Parameter) -> str:
+    """Return the option of a field of settings, and the form of its value: its unit."""
+    form = row.unit.upper().replace(' ', '_').replace('^', '')
+    return f'--{field.replace("_", "-")} {form}'.rstrip()
 
 
 def add_settings(group: Any, kind: type, *options: str, unset: bool = False) -> None:

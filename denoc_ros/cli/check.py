@@ -7,7 +7,7 @@ import math
 from pathlib import Path
 from typing import Any
 
-from denoc_ros.cli.arguments import add_gravity, add_json, add_option, given_file
+from denoc_ros.cli.arguments import add_gravity, add_json, add_option, add_output, given_file
 from denoc_ros.cli.config import find_file
 from denoc_ros.cli.postures import add_postures, posture, read_postures
 from denoc_ros.cli.verb_result import VerbResult
@@ -20,7 +20,7 @@ from denoc_ros.output_files import write_new, write_text
 from denoc_ros.reports.provenance import named_file, provenance
 from denoc_ros.reports.robot import robot_text, suggestion_text, summarize, summarize_suggestion
 
-PAGE = 'bode.html'
+PAGE = Path('bode.html')
 OPTIONS = ('material', 'link', 'bandwidth', 'gears', 'output')
 DESCRIPTION = (
     'Read a URDF with its <flexibility> block, report every finding in it, and list links, '
@@ -76,7 +76,7 @@ def run_bode(args: argparse.Namespace, robot: Robot) -> VerbResult:
         pair: {place.name: loop_response(robot, place.q, *pair, args.free) for place in postures}
         for pair in pairs
     }
-    file = Path(args.output or PAGE)
+    file = args.output or PAGE
     source = given_file(args.robot, 'robot')
     made = provenance(args.command, {'robot': named_file(source)})
     shown = page(ways, robot.tree.name, args.free, made)
@@ -147,12 +147,8 @@ def add_suggestion(parser: argparse.ArgumentParser) -> None:
         'propose springs for its joints as well, by the effort limits, as gears of this '
         'kind would be: strain_wave, cycloidal or planetary; an assumption',
     )
-    group.add_argument(
-        '-o',
-        '--output',
-        metavar='FILE',
-        help='write the URDF with its beams and springs here, a new file; with --bode, the page',
-    )
+    text = 'write the URDF with its beams and springs here, a new file; with --bode, the page'
+    add_output(group, 'FILE', text)
 
 
 def check_options(args: argparse.Namespace) -> None:
@@ -180,7 +176,7 @@ def run_suggestion(args: argparse.Namespace, file: Path | str) -> VerbResult:
     row = summarize_suggestion(suggestion, robot)
     proposed = bool(suggestion.springs) or any(beam.worth for beam in suggestion.beams)
     if args.output and proposed:
-        write_new(Path(args.output), suggestion.text)
-        row['written'] = args.output
+        write_new(args.output, suggestion.text)
+        row['written'] = str(args.output)
     warnings = [f'denoc check: warning: {warning}' for warning in robot.tree.warnings]
     return VerbResult(row, [suggestion_text(row)], 0 if proposed else DOUBTFUL, warnings)

@@ -240,22 +240,18 @@ class _Checker(MappingReader):
         """Return the path of a scene, which is relative to the configuration's folder."""
         found = find_file(Path(value), self._file.parent) if isinstance(value, str) else None
         if found is None:
-            self.find(
-                f'plant scene must be a file (relative to {self._file.parent}), got {value!r}'
-            )
+            self.fail('plant scene', f'be a file (relative to {self._file.parent})', value)
             return value
         return str(found)
 
     def _robot(self, value: Any) -> Path:
         if not isinstance(value, str) or not value:
-            self.find(f'robot must be the path of a URDF, got {value!r}')
+            self.fail('robot', 'be the path of a URDF', value)
             return Path()
         found = find_file(Path(value), self._file.parent)
         if found is None:
-            self.find(
-                f'robot must be a file (relative to {self._file.parent} or to the installed '
-                f'config directory), got {value!r}'
-            )
+            near = f'{self._file.parent} or to the installed config directory'
+            self.fail('robot', f'be a file (relative to {near})', value)
         return found or Path()
 
     def _take(
@@ -270,17 +266,17 @@ class _Checker(MappingReader):
         value = raw.get(name, usual)
         if is_good(value):
             return value
-        self.find(f'{name} must be {rule}, got {value!r}')
+        self.fail(name, f'be {rule}', value)
         return usual
 
     def _mechanism(self, raw: Mapping[str, Any]) -> Parameters:
         """Return the parameters for the robot's loops, which all nodes share."""
         joints, posture = raw.get('joints', []), raw.get('posture', [])
         if not (isinstance(joints, list) and all(isinstance(name, str) for name in joints)):
-            self.find(f'joints must be a list of the driven joints, got {joints!r}')
+            self.fail('joints', 'be a list of the driven joints', joints)
             joints = []
         if posture != [] and not are_numbers(posture):
-            self.find(f'posture must be a list of finite numbers [rad or m], got {posture!r}')
+            self.fail('posture', 'be a list of finite numbers [rad or m]', posture)
             posture = []
         given = {'joints': joints, 'posture': [float(value) for value in posture]}
         return {name: value for name, value in given.items() if value}
@@ -293,9 +289,8 @@ class _Checker(MappingReader):
             return self._reference(read_reference(value, self._file.parent, str(self._file)))
         values = dict(self.mapping('reference', value))
         if values and values.get('kind') not in REFERENCE_KINDS:
-            self.find(
-                f"reference's kind must be of {', '.join(REFERENCE_KINDS)}, "
-                f'got {values.get("kind")!r}'
+            self.fail(
+                "reference's kind", f'be of {", ".join(REFERENCE_KINDS)}', values.get('kind')
             )
         return values
 
@@ -311,9 +306,9 @@ class _Checker(MappingReader):
     def _overrides(self, whose: str, flat: Parameters) -> Parameters:
         for path, value in flat.items():
             if path.split('.')[0] not in FAMILIES:
-                self.find(f"{whose}'s paths must start with one of {FAMILIES}, got {path!r}")
+                self.fail(f"{whose}'s paths", f'start with one of {FAMILIES}', path)
             elif not (is_number(value) or are_numbers(value)):
-                self.find(f'{whose} {path} must be a finite number or some, got {value!r}')
+                self.fail(f'{whose} {path}', 'be a finite number or some', value)
         return flat
 
     def _phases(self, value: Any) -> tuple[Phase, ...]:
@@ -333,7 +328,7 @@ class _Checker(MappingReader):
         self.only(whose, values, ('name', 'shape', *NODES))
         name = values.get('name')
         if not isinstance(name, str) or not name:
-            self.find(f'{whose}.name must be a text, got {name!r}')
+            self.fail(f'{whose}.name', 'be a text', name)
         nodes = self._nodes(whose, {k: v for k, v in values.items() if k in NODES})
         shape = self.mapping(f'{whose}.shape', values.get('shape'))
         if 'shape' in values and not isinstance(shape.get('method'), str):

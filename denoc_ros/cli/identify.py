@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import argparse
-import importlib
 from typing import TYPE_CHECKING
 
-from denoc_ros.cli.verbs import ACTION_MODULES, ACTIONS
+from denoc_ros.cli.verbs import ACTIONS
 
 if TYPE_CHECKING:
     from denoc_ros.cli.verb_result import VerbResult
@@ -22,17 +21,16 @@ def add_actions(parser: argparse.ArgumentParser, named: str = '') -> None:
     """Declare the named action with its arguments, or all; for -h their names only."""
     actions = parser.add_subparsers(dest='action', metavar='ACTION', required=True)
     if named in ('-h', '--help'):
-        for name, text in ACTIONS.items():
-            actions.add_parser(name, help=text)
+        for name, row in ACTIONS.items():
+            actions.add_parser(name, help=row.help)
         return
-    modules = [ACTION_MODULES[named]] if named in ACTION_MODULES else ACTION_MODULES.values()
-    for module in dict.fromkeys(modules):
-        for action in importlib.import_module(f'denoc_ros.{module}').DECLARED:
-            one = actions.add_parser(
-                action.name, help=ACTIONS[action.name], description=action.description
-            )
-            action.add_options(one)
-            one.set_defaults(act=action.run)
+    from denoc_ros.cli.identify_options import action_of
+
+    for name in [named] if named in ACTIONS else ACTIONS:
+        row, action = ACTIONS[name], action_of(name)
+        one = actions.add_parser(name, help=row.help, description=action.description)
+        action.add_options(one)
+        one.set_defaults(act=action.run)
 
 
 def run(args: argparse.Namespace) -> VerbResult:

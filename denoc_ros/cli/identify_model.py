@@ -39,7 +39,7 @@ from denoc_ros.cli.verb_result import VerbResult
 from denoc_ros.cli.verbs import exit_status
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.errors import BagError
-from denoc_ros.identification.model.excitation import Excitation, design_excitation
+from denoc_ros.identification.model.excitation import design_excitation
 from denoc_ros.identification.model.fit import IdentifiedModel, identify_model
 from denoc_ros.identification.model.free_parameters import FreeParameters
 from denoc_ros.identification.model.result import (
@@ -351,7 +351,9 @@ def _excite(
         )
     rows = found.rows(np.linspace(0.0, found.duration, 1 + math.ceil(found.duration / interval)))
     motion = (rows.q, rows.qd, rows.qdd)
-    write_points(output, _head(found), found.joints, rows.t, motion)
+    planned = '# Planned by `denoc identify excite`: from rest to rest, for '
+    head = f'{planned}{len(found.values)} free numbers.\n'
+    write_points(output, head, found.joints, rows.t, motion)
     if trajectory is not None:
         write_joint_trajectory(trajectory, found.joints, rows.t, motion)
     document = {'output': str(output), 'robot': named_file(file), **excitation_result(found)}
@@ -376,13 +378,6 @@ def _loaded(args: argparse.Namespace) -> tuple[Path, Robot]:
     """Return the robot's file and the robot with the options' numbers."""
     file = given_file(args.robot, 'robot')
     return file, overridden(load_robot(file, gravity=tuple(args.gravity)), args)
-
-
-def _head(found: Excitation) -> str:
-    return (
-        '# Planned by `denoc identify excite`: from rest to rest, for '
-        f'{len(found.values)} free numbers.\n'
-    )
 
 
 DECLARED = (

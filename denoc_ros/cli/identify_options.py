@@ -5,10 +5,12 @@ from __future__ import annotations
 import argparse
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
-from inspect import signature
+from dataclasses import dataclass, field, is_dataclass
+from functools import partial, wraps
+from importlib import import_module
+from inspect import getdoc, signature
 from pathlib import Path
-from typing import Any
+from typing import Any, get_type_hints
 
 from denoc_ros.cli.arguments import (
     WINDOW,
@@ -19,18 +21,20 @@ from denoc_ros.cli.arguments import (
     add_output,
     add_pairs,
     add_settings,
+    option_of,
     require,
     settings_of,
     window_findings,
 )
 from denoc_ros.cli.verb_result import VerbResult
-from denoc_ros.cli.verbs import exit_status
+from denoc_ros.cli.verbs import ACTIONS, exit_status
 from denoc_ros.errors import ConfigError
 from denoc_ros.identification.channel import Channel
 from denoc_ros.identification.result import RESULT_FILE, write_result
 from denoc_ros.output_files import Document, write_text
 from denoc_ros.reports.pages import ReportPage
 from denoc_ros.reports.provenance import versions
+from denoc_ros.settings import declared
 
 Asked = tuple[tuple[float, float], int | None]  # band [Hz], number of modes
 
@@ -163,3 +167,66 @@ def add_robot_options(parser: argparse.ArgumentParser, robot: bool = True) -> No
         choices=('held', 'free'),
     )
     add_gravity(group)
+
+
+# options that follow from an argument of a computation
+BY_ARGUMENT: Mapping[str, Callable[[argparse.ArgumentParser], None]] = {
+    'channel': add_channel_options,
+    'asked': add_verdict_options,
+    'robot': add_robot_options,
+}
+
+
+def action_of(name: str) -> Action:
+    """Return an action: the one that its module declares, or that follows from a computation."""
+    _, path, pages = ACTIONS[name]
+    module = import_module(f'denoc_ros.{path}')
+    if not path.startswith('identification.'):
+        found: Action = next(action for action in module.DECLARED if action.name == name)
+        return found
+    reports = import_module(f'denoc_ros.reports.{pages or "identify_result"}')
+    shown = name if pages else 'values'
+    text, page = (getattr(reports, f'{shown}_{what}') for what in ('text', 'page'))
+    return computed_action(name, getattr(module, f'identify_{name}'), text, page)
+
+
+def computed_action(
+    name: str,
+    compute: Callable[..., tuple[Any, ...]],
+    text: Callable[[Document], str],
+    page: Callable[..., ReportPage],
+) -> Action:
+    """Return the action of a computation: description and options are its own.
+
+    Parameters
+    ----------
+    compute : callable
+        Of a `path`, and of arguments that are called as in `SHARED` or `BY_ARGUMENT`, or are
+        classes of settings, of which each field is an option. Returns the document of a result,
+        and what its page draws. Its docstring, up to what it returns, describes the action.
+    text, page : callable
+        As of `Action`.
+    """
+    kinds: dict[str, type] = {
+        argument: kind
+        for argument, kind in get_type_hints(compute).items()
+        if argument not in SHARED and isinstance(kind, type) and is_dataclass(kind)
+    }
+
+    def add_options(parser: argparse.ArgumentParser) -> None:
+        add_recording_options(parser)
+        for argument in signature(compute).parameters:
+            if argument in BY_ARGUMENT:
+                BY_ARGUMENT[argument](parser)
+        for kind in kinds.values():
+            group = parser.add_argument_group(f'the {name}')
+            add_settings(group, kind, *(option_of(*each) for each in declared(kind).items()))
+
+    @wraps(compute)
+    def fit(**given: Any) -> Fit:
+        document, *drawn = compute(**given)
+        return Fit(document, tuple(drawn))
+
+    described = ' '.join((getdoc(compute) or '').partition('\n\nReturns\n')[0].split())
+    settings = {argument: partial(settings_of, kind) for argument, kind in kinds.items()}
+    return Action(name, described.replace('%', '%%'), add_options, fit, text, page, settings)

@@ -1,4 +1,4 @@
-"""`denoc identify`: info, segment, modal, joint, forced, servo: signals of a recording."""
+"""`denoc identify`: info, segment, modal, forced, servo: signals of a recording."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ from pathlib import Path
 from denoc_ros.cli.arguments import (
     WINDOW,
     add_json,
-    add_number,
     add_option,
     add_output,
     add_pairs,
@@ -39,7 +38,6 @@ from denoc_ros.cli.verbs import NOT_IDENTIFIABLE
 from denoc_ros.errors import BagError
 from denoc_ros.identification.channel import Channel, read_record
 from denoc_ros.identification.forced import identify_forced
-from denoc_ros.identification.joint import fit_joint, joint_result
 from denoc_ros.identification.result import (
     TABLE_COLUMNS,
     DecayOptions,
@@ -55,8 +53,6 @@ from denoc_ros.reports.identify_signals import (
     decay_text,
     forced_page,
     forced_text,
-    joint_page,
-    joint_text,
     servo_page,
     servo_text,
 )
@@ -184,42 +180,6 @@ MODAL = RowKind(
 )
 
 
-def _add_joint(parser: argparse.ArgumentParser) -> None:
-    add_recording_options(parser)
-    add_channel_options(parser)
-    group = parser.add_argument_group('the joint')
-    for option, unit, text in (
-        ('--inertia KG_M2', 'kg m^2', 'inertia about the joint, with motor and gears'),
-        (
-            '--gravity-torque N_M',
-            'N m',
-            'largest gravity torque, m g l: with it the frequency gives the inertia',
-        ),
-        ('--mass-per-length KG/M', 'kg/m', "for the book's coefficient"),
-        ('--length M', 'm', "for the book's coefficient"),
-    ):
-        add_number(group, option, float, text, unit, positive=True, finite=True)
-    add_option(group, '--spring', 'the restoring torque is a linear spring, not gravity')
-
-
-def _joint(
-    path: Path,
-    channel: Channel,
-    inertia: float | None,
-    gravity_torque: float | None,
-    mass_per_length: float | None,
-    length: float | None,
-    spring: bool,
-) -> Fit:
-    if inertia is not None and gravity_torque is not None:
-        require(['--gravity-torque must not come with --inertia, got both'])
-    reading = read_record(path, channel)
-    fit = fit_joint(reading.record, inertia, gravity_torque, not spring)
-    scaled = inertia is not None or gravity_torque is not None
-    document = joint_result(reading, fit, scaled, mass_per_length, length)
-    return Fit(document, (reading.record, fit))
-
-
 def _add_forced(parser: argparse.ArgumentParser) -> None:
     add_recording_options(parser)
     group = parser.add_argument_group('the input')
@@ -318,16 +278,6 @@ DECLARED = (
         decay_text,
         decay_page,
         {'options': decay_options, 'workers': worker_config},
-    ),
-    Action(
-        'joint',
-        'Fit viscous, Coulomb and quadratic friction to a free swing at large angle, report which '
-        'of them are significant, and give the logarithmic decrement, exact and as printed in the '
-        'book.',
-        _add_joint,
-        _joint,
-        joint_text,
-        joint_page,
     ),
     Action(
         'forced',

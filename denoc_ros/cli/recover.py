@@ -9,7 +9,7 @@ from typing import Any
 from tqdm import tqdm
 
 from denoc_ros.bags.recover import recover
-from denoc_ros.cli.arguments import add_option
+from denoc_ros.cli.arguments import add_json, add_option, add_output
 from denoc_ros.cli.verb_result import VerbResult
 from denoc_ros.cli.verbs import DOUBTFUL
 
@@ -22,13 +22,9 @@ DESCRIPTION = (
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
     add_option(parser, 'bag', 'a .mcap file or a folder of them', type=Path)
-    parser.add_argument(
-        '-o',
-        '--output',
-        type=Path,
-        help='new bag folder, or new .mcap for a single file (default: BAG_recovered)',
-    )
-    add_option(parser, '--json', 'print JSON for machines')
+    text = 'new bag folder, or new .mcap for a single file (default: BAG_recovered)'
+    add_output(parser, '', text)
+    add_json(parser)
 
 
 def run(args: argparse.Namespace) -> VerbResult:

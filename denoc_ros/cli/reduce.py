@@ -26,6 +26,7 @@ from denoc_ros.cli.verbs import DOUBTFUL
 from denoc_ros.errors import ConfigError, ModelError
 from denoc_ros.model.beams import warping_doubts
 from denoc_ros.model.link_file import write
+from denoc_ros.model.poses import pose_of
 from denoc_ros.model.suggest.materials import ASSUMED_DAMPING
 from denoc_ros.output_files import require_new, whole_file, write_new
 from denoc_ros.reduction.description import LinkDescription, describe_link, with_block
@@ -184,9 +185,7 @@ def _frames(args: argparse.Namespace, described: LinkDescription | None) -> Fram
 
     findings: list[str] = []
     outer = {} if described is None else dict(described.frames)
-    for name, place in args.frame.items():
-        outer[name] = np.eye(4)
-        outer[name][:3, 3] = place
+    outer |= {name: pose_of(place) for name, place in args.frame.items()}
     if not outer and (described is None or described.beam is None):
         findings.append('a frame besides the root must be given: --frames or --frame, got none')
     radii = {}

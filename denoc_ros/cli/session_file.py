@@ -98,7 +98,8 @@ def conclude(
         # before its first phase a session that is interrupted has nothing to tell
         if records and (file.phases or (failure and not isinstance(error, Interrupt))):
             _make_whole(folder, progress)
-            summary = _report(folder, progress)
+            with progress.step('writing the report', REPORTING):
+                summary = write_report(folder, folder / 'report.html')
     except (DenocError, OSError) as second:
         if not failure:
             raise
@@ -117,11 +118,6 @@ def cause(error: BaseException) -> str:
     if isinstance(error, OSError):
         return f'{error.filename or "file"}: {error.strerror or error}'
     return str(error) if isinstance(error, DenocError) else f'{type(error).__name__}: {error}'
-
-
-def _report(folder: Path, progress: Progress) -> dict[str, Any]:
-    with progress.step('writing the report', REPORTING):
-        return write_report(folder, folder / 'report.html')
 
 
 def _make_whole(folder: Path, progress: Progress) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 VERBS = {
     'check': 'validate a robot; list its links, joints, beams, frequencies and masses',
     'simulate': 'simulate a robot through a scenario, without a ROS graph',
@@ -23,33 +25,51 @@ VERBS = {
     'bench': 'check results, then time the dynamics beside Pinocchio and dense Cholesky',
 }
 
+
+class ActionRow(NamedTuple):
+    """Where an action of `denoc identify` is."""
+
+    help: str
+    # in denoc_ros: with an `Action` in `DECLARED`; or in `identification`, with the computation
+    # `identify_NAME`, whose arguments are the action's options
+    module: str
+    pages: str = ''  # in reports: `NAME_page` and `NAME_text` of a computation, if it has its own
+
+
+RECORDS, MODEL, RESULTS = 'cli.identify_records', 'cli.identify_model', 'cli.identify_results'
 ACTIONS = {
-    'info': 'rate, gaps, jitter, clipping, noise of the signals of a recording',
-    'segment': 'find releases, free decays, steps and rests in a signal',
-    'modal': 'modes and damping ratios of a free decay, or of a folder of them',
-    'joint': 'viscous and Coulomb friction of a joint from a free swing',
-    'forced': 'modes from torque and response',
-    'servo': 'bandwidth, damping, delay and static gain of position-controlled joints',
-    'model': 'stiffness, payload, inertia, friction, gains and delays of a whole robot',
-    'excite': 'plan the motion whose recording identifies numbers of a robot best',
-    'apply': "write identified damping into a robot's URDF",
-    'compare': 'modes of several runs: mean, spread, repeatability',
-    'postures': 'modes at several postures as a table for the shaper',
-    'selftest': 'accuracy of the estimators on synthetic decays with known truth',
+    'info': ActionRow(
+        'rate, gaps, jitter, clipping, noise of the signals of a recording', RECORDS
+    ),
+    'segment': ActionRow('find releases, free decays, steps and rests in a signal', RECORDS),
+    'modal': ActionRow(
+        'modes and damping ratios of a free decay, or of a folder of them', RECORDS
+    ),
+    'joint': ActionRow(
+        'viscous and Coulomb friction of a joint from a free swing',
+        'identification.joint',
+        'identify_signals',
+    ),
+    'forced': ActionRow('modes from torque and response', RECORDS),
+    'servo': ActionRow(
+        'bandwidth, damping, delay and static gain of position-controlled joints', RECORDS
+    ),
+    'model': ActionRow(
+        'stiffness, payload, inertia, friction, gains and delays of a whole robot', MODEL
+    ),
+    'excite': ActionRow(
+        'plan the motion whose recording identifies numbers of a robot best', MODEL
+    ),
+    'apply': ActionRow("write identified damping into a robot's URDF", RESULTS),
+    'compare': ActionRow('modes of several runs: mean, spread, repeatability', RESULTS),
+    'postures': ActionRow('modes at several postures as a table for the shaper', RESULTS),
+    'selftest': ActionRow(
+        'accuracy of the estimators on synthetic decays with known truth', 'studies.selftest'
+    ),
 }
 
 # verbs of the room of studies, which no other room imports
 STUDIES = ('dh', 'stability', 'bench')
-
-# module of an action, in denoc_ros
-ACTION_MODULES = {
-    **dict.fromkeys(
-        ('info', 'segment', 'modal', 'joint', 'forced', 'servo'), 'cli.identify_records'
-    ),
-    **dict.fromkeys(('model', 'excite'), 'cli.identify_model'),
-    **dict.fromkeys(('apply', 'compare', 'postures'), 'cli.identify_results'),
-    'selftest': 'studies.selftest',
-}
 DEFAULT_ACTION = 'modal'
 
 BAD_INPUT = 1

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from denoc_ros.trajectories import SplineTrajectory
 from denoc_ros.types import Array
 
 REACH = 2  # nodes on either side that a derivative takes
@@ -57,33 +58,13 @@ class GridMotion:
     """
 
     def __init__(self, start: float, step: float, q: Array, qd: Array, qdd: Array) -> None:
-        self._start, self._step, self._first, self._last = start, step, q[0], q[-1]
-        h = step
-        gap = q[1:] - q[:-1] - h * (qd[:-1] + 0.5 * h * qdd[:-1])
-        slope = h * (qd[1:] - qd[:-1] - h * qdd[:-1])
-        bend = h * h * (qdd[1:] - qdd[:-1])
-        # powers of s = (t - t_k) / step
-        self._pieces = np.stack(
-            (
-                q[:-1],
-                h * qd[:-1],
-                0.5 * h * h * qdd[:-1],
-                10.0 * gap - 4.0 * slope + 0.5 * bend,
-                -15.0 * gap + 7.0 * slope - bend,
-                6.0 * gap - 3.0 * slope + 0.5 * bend,
-            )
-        )
+        self._start = start
+        self._pieces = SplineTrajectory(np.arange(len(q)) * np.float64(step), q, qd, qdd)
 
     def sample(self, times: Array) -> tuple[Array, Array, Array]:
         """Return positions, rates and accelerations (m, n) at times (m,) [s]."""
-        at = (np.asarray(times, dtype=np.float64) - self._start) / self._step
-        count = self._pieces.shape[1]
-        piece = np.clip(np.floor(at).astype(np.int64), 0, count - 1)
-        s = np.clip(at - piece, 0.0, 1.0)[:, None]
-        c = self._pieces[:, piece]
-        q = c[0] + s * (c[1] + s * (c[2] + s * (c[3] + s * (c[4] + s * c[5]))))
-        qd = c[1] + s * (2.0 * c[2] + s * (3.0 * c[3] + s * (4.0 * c[4] + s * 5.0 * c[5])))
-        qdd = 2.0 * c[2] + s * (6.0 * c[3] + s * (12.0 * c[4] + s * 20.0 * c[5]))
-        outside = (at < 0.0) | (at > count)
-        qd[outside] = qdd[outside] = 0.0
-        return q, qd / self._step, qdd / self._step**2
+        at = np.asarray(times, dtype=np.float64) - self._start
+        inside = np.clip(at, 0.0, self._pieces.duration)
+        q, qd, qdd = self._pieces.rows(inside)
+        qd[inside != at] = qdd[inside != at] = 0.0
+        return q, qd, qdd

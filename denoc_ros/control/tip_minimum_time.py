@@ -100,10 +100,24 @@ class TimedTip(TimedMotion):
     shares: Array
 
 
-class TipMinimumTime:
-    """The search for the timing of a tip-exact motion (see :class:`MinimumTimeProblem`)."""
+class PathSearch:
+    """A search for the timing of a path (see :class:`MinimumTimeProblem`)."""
 
     price, steady = EXCESS, STEADY
+    length: float  # that a plan has passed at its end
+
+    def slower(self, coefficients: Array, factor: float) -> Array:
+        """Return coefficients of a slower timing."""
+        return coefficients / factor
+
+    def places(self, plan: Plan) -> Array:
+        """Return the places along the path (k,), 0 to 1, of a plan's rows."""
+        assert plan.passed is not None
+        return plan.passed / self.length
+
+
+class TipMinimumTime(PathSearch):
+    """The search for the timing of a tip-exact motion (see :class:`MinimumTimeProblem`)."""
 
     def __init__(
         self, grids: TipGrids, asked: AskedMotion, basis: TimingBasis, rows: LimitRows
@@ -115,15 +129,6 @@ class TipMinimumTime:
         self._known: TimedTip | None = None  # that a search may begin with
         self._near: TimedTip | None = None  # that has the changes
         self._changes: tuple[Array, Array] = (np.zeros(0), np.zeros(0))
-
-    def slower(self, coefficients: Array, factor: float) -> Array:
-        """Return coefficients of a slower timing."""
-        return coefficients / factor
-
-    def places(self, plan: Plan) -> Array:
-        """Return the places along the path (k,), 0 to 1, of a plan's rows."""
-        assert plan.passed is not None
-        return plan.passed / self.length
 
     def shares_at(self, found: TimedTip, here: TimedTip) -> Array:
         """Return the shares (k, r) of a motion at the places of another motion's rows."""
@@ -366,15 +371,13 @@ class TimedPath(TimedMotion):
     at: Moments
 
 
-class RigidMinimumTime:
+class RigidMinimumTime(PathSearch):
     """The timing of a rigid robot's path (see :class:`MinimumTimeProblem`).
 
     The path's parameter is the length of the joints' way; the squared pace x is linear from
     station to station, so that accelerations are constant between them. Stations are closer
     where the path turns: they share its length and its turns evenly.
     """
-
-    price, steady = EXCESS, STEADY
 
     def __init__(self, grids: TipGrids, asked: AskedMotion, rows: LimitRows) -> None:
         self._grids, self._asked, self._rows = grids, asked, rows
@@ -410,15 +413,6 @@ class RigidMinimumTime:
         share += self._asked_at / self._asked_at[-1]
         even = np.linspace(0.0, float(share[-1]), CELLS + 1)
         return np.asarray(np.interp(even, share, self._asked_at))
-
-    def slower(self, coefficients: Array, factor: float) -> Array:
-        """Return coefficients of a slower timing."""
-        return coefficients / factor
-
-    def places(self, plan: Plan) -> Array:
-        """Return the places along the path (k,), 0 to 1, of a plan's rows."""
-        assert plan.passed is not None
-        return plan.passed / self.length
 
     def shares_at(self, found: TimedPath, here: TimedPath) -> Array:
         """Return the shares (k, r) of a motion: its rows are at the same places."""

@@ -22,6 +22,7 @@ from denoc_ros.dynamics.tree_dynamics import TreeDynamics, Wrenches
 from denoc_ros.dynamics.validation import as_output, as_states, as_vector, same_rows
 from denoc_ros.errors import StateError
 from denoc_ros.model.friction import slip
+from denoc_ros.model.poses import pose_of
 from denoc_ros.model.urdf import load_tree
 from denoc_ros.types import Array
 
@@ -286,9 +287,8 @@ class Robot(SensorValues):
         state, rate = as_vector('q', q, (self.n,)), as_vector('qd', qd, (self.n,))
         index = self.base_indices
         phi, turning = state[index[ATTITUDE]], rate[index[ATTITUDE]]
-        pose, turn = np.eye(4), rotations(phi)
-        pose[:3, :3] = placement[:3, :3] @ turn
-        pose[:3, 3] = placement[:3, :3] @ state[index[:3]] + placement[:3, 3]
+        turn = rotations(phi)
+        pose = placement @ pose_of(state[index[:3]], turn)
         return pose, np.append(rate[index[:3]] @ turn, left_jacobians(phi) @ turning @ turn)
 
     def base_wrench(self, q: ArrayLike, tau: ArrayLike) -> Array:

@@ -96,7 +96,7 @@ def assign_damping(
     of, matched = list(pairs), list(pairs.values())
     measured, ratios = measured[of], ratios[of]
     amplitudes, squares = _amplitudes(robot), modes.shapes[:, matched] ** 2
-    shares = np.array([_sum_of(a.index, robot.stiffness[a.index], squares) for a in amplitudes])
+    shares = np.array([robot.stiffness[a.index] @ squares[a.index] for a in amplitudes])
     shares = shares / np.maximum(shares.sum(axis=0), 1e-300)
     # of a link of segments one ratio holds for all its modes: that of the first is taken
     ranks = FIRST_OF_EQUALS * np.argsort(np.argsort(modes.frequencies[matched]))
@@ -105,7 +105,7 @@ def assign_damping(
     measured, ratios, shares = measured[kept], ratios[kept], shares[:, kept]
     system = _Linearized(robot, state, held)
     picked = [amplitudes[k] for k in chosen]
-    damped = [_sum_of(one.index, one.critical, squares[:, kept]) for one in picked]
+    damped = [one.critical @ squares[one.index][:, kept] for one in picked]
     solved = system.solve(picked, measured, ratios, modes.frequencies[matched], np.array(damped))
     return [
         Assigned(
@@ -126,11 +126,10 @@ def assign_damping(
 def damping_overrides(robot: Robot, assigned: Sequence[Assigned]) -> dict[str, list[float]]:
     """Return whole lists of damping ratios by dotted path, those assigned put in their places."""
     overrides: dict[str, list[float]] = {}
-    present = _present_ratios(robot)
+    present = values_of(robot.tree)
     for one in assigned:
-        overrides.setdefault(one.path, list(present[one.path]))[one.place] = float(
-            f'{one.damping_ratio:.6g}'
-        )
+        whole = overrides.setdefault(one.path, np.atleast_1d(present[one.path]).tolist())
+        whole[one.place] = float(f'{one.damping_ratio:.6g}')
     return overrides
 
 
@@ -173,18 +172,6 @@ def _amplitudes(robot: Robot) -> list[_Amplitude]:
                 coordinate = robot.coordinate_names[index[0]]
                 found.append(_Amplitude(coordinate, index, path, place, value, unit))
     return found
-
-
-def _sum_of(index: NDArray[np.int64], weights: Array, squares: Array) -> Array:
-    return np.asarray(weights @ squares[index])
-
-
-def _present_ratios(robot: Robot) -> Mapping[str, list[float]]:
-    return {
-        path: list(np.atleast_1d(value).tolist())
-        for path, value in values_of(robot.tree).items()
-        if path.endswith('.damping_ratio')
-    }
 
 
 class _Linearized:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from scipy.special import fdtrc
 
-from denoc_ros.errors import IdentificationError
-from denoc_ros.identification.channel import Reading
+from denoc_ros.errors import ConfigError, IdentificationError
+from denoc_ros.identification.channel import Channel, Reading, read_record
 from denoc_ros.identification.curves import NORMAL_95
 from denoc_ros.identification.damped import independent_samples
 from denoc_ros.identification.decrement import Convention, critical_joint_damping, log_decrement
@@ -27,6 +28,7 @@ from denoc_ros.identification.swing import (
     swing_angles,
 )
 from denoc_ros.output_files import Document, plain
+from denoc_ros.settings import optional, setting
 from denoc_ros.types import Array
 
 CHANCE = 1e-3  # of keeping a term that is none
@@ -294,22 +296,62 @@ def _verdict(
     return (DOUBTFUL if reasons else GOOD), reasons
 
 
-def joint_result(
-    reading: Reading,
-    fit: JointFit,
-    known: bool,
-    mass_per_length: float | None = None,
-    length: float | None = None,
-) -> Document:
-    """Return the friction of a joint as plain values.
+@dataclass(frozen=True)
+class JointOptions:
+    """Known numbers of a joint that swings; each field is an option of `denoc identify joint`."""
 
-    Parameters
-    ----------
-    known : bool
-        Whether inertia or gravity torque were given: the terms are no longer per inertia.
-    mass_per_length, length : float, optional
-        Of the link [kg/m], [m], for the book's coefficient.
+    inertia: float | None = optional(
+        float,
+        'inertia about the joint, with motor and gears',
+        'kg m^2',
+        positive=True,
+        finite=True,
+    )
+    gravity_torque: float | None = optional(
+        float,
+        'largest gravity torque, m g l: with it the frequency gives the inertia',
+        'N m',
+        positive=True,
+        finite=True,
+    )
+    mass_per_length: float | None = optional(
+        float, "for the book's coefficient", 'kg/m', positive=True, finite=True
+    )
+    length: float | None = optional(
+        float, "for the book's coefficient", 'm', positive=True, finite=True
+    )
+    spring: bool = setting(False, 'the restoring torque is a linear spring, not gravity')
+
+
+def identify_joint(
+    path: Path, channel: Channel, options: JointOptions
+) -> tuple[Document, Record, JointFit]:
+    """Fit viscous, Coulomb and quadratic friction to a free swing at large angle.
+
+    Report which of them are significant, and give the logarithmic decrement, exact and as printed
+    in the book.
+
+    Returns
+    -------
+    tuple
+        The friction as plain values, the record and the fit.
+
+    Raises
+    ------
+    ConfigError, BagError, IdentificationError
     """
+    inertia, torque = options.inertia, options.gravity_torque
+    if inertia is not None and torque is not None:
+        finding = '--gravity-torque must not come with --inertia, got both'
+        ConfigError.raise_any('command line', [finding])
+    reading = read_record(path, channel)
+    fit = fit_joint(reading.record, inertia, torque, not options.spring)
+    return _result(reading, fit, options), reading.record, fit
+
+
+def _result(reading: Reading, fit: JointFit, options: JointOptions) -> Document:
+    """Return the friction of a joint as plain values."""
+    known = options.inertia is not None or options.gravity_torque is not None
     units = UNITS if known else UNITS_PER_INERTIA
     document = {
         'kind': 'joint',
@@ -335,7 +377,7 @@ def joint_result(
         ],
         'decrement': [
             _decrement(reading.record, 'exact', fit.inertia if known else None),
-            _decrement(reading.record, 'book', None, mass_per_length, length),
+            _decrement(reading.record, 'book', None, options.mass_per_length, options.length),
         ],
         'verdict': fit.verdict,
         'reasons': fit.reasons,

@@ -190,14 +190,16 @@ def clipped_samples(y: Array, resolution: float) -> Mask:
         count = np.count_nonzero(at_top)
         if count < FEWEST_CLIPPED + PILED_UP * next_in:
             continue
-        if _longest_run(at_top) <= LONGEST_CLIPPED_RUN * y.size:
+        longest = max((last - first + 1 for first, last in runs(at_top)), default=0)
+        if longest <= LONGEST_CLIPPED_RUN * y.size:
             clipped |= at_top
     return clipped
 
 
-def _longest_run(mask: Mask) -> int:
-    edges = np.flatnonzero(np.diff(np.concatenate(([False], mask, [False])).astype(int)))
-    return int(np.max(edges[1::2] - edges[::2])) if edges.size else 0
+def runs(mask: Mask) -> list[tuple[int, int]]:
+    """Return first and last index of each run of True."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([0], mask.astype(int), [0]))))
+    return [(int(a), int(b) - 1) for a, b in zip(edges[::2], edges[1::2], strict=True)]
 
 
 def doubtful_rate(record: Record) -> str:

@@ -17,7 +17,7 @@ from denoc_ros.bags.series import read_joint_states
 from denoc_ros.bags.tables import is_table
 from denoc_ros.identification.channel import Reading
 from denoc_ros.identification.damped import in_gap
-from denoc_ros.identification.records import FEWEST_SAMPLES, Mask, Quality, Record, assess
+from denoc_ros.identification.records import FEWEST_SAMPLES, Mask, Quality, Record, assess, runs
 from denoc_ros.types import Array
 
 Kind = Literal['decay', 'step', 'rest']
@@ -143,12 +143,6 @@ def _swings(y: Array, size: int) -> tuple[Array, Array]:
     return ahead, behind
 
 
-def _runs(mask: Mask) -> list[tuple[int, int]]:
-    """Return first and last index of each run of True."""
-    edges = np.flatnonzero(np.diff(np.concatenate(([0], mask.astype(int), [0]))))
-    return [(int(a), int(b) - 1) for a, b in zip(edges[::2], edges[1::2], strict=True)]
-
-
 def _rests(t: Array, y: Array, still: Mask, size: int) -> list[Segment]:
     return [
         Segment(
@@ -158,7 +152,7 @@ def _rests(t: Array, y: Array, still: Mask, size: int) -> list[Segment]:
             0.5 * float(np.ptp(y[first : last + 1])),
             float(y[first : last + 1].mean()),
         )
-        for first, last in _runs(still)
+        for first, last in runs(still)
         if last - first >= size
     ]
 
@@ -166,7 +160,7 @@ def _rests(t: Array, y: Array, still: Mask, size: int) -> list[Segment]:
 def _events(ahead: Array, behind: Array, quiet: float) -> list[int]:
     jump = ahead - behind
     sudden = (jump > max(JUMP * float(ahead.max()), 2.0 * quiet)) & (ahead > RATIO * behind)
-    return [first + int(np.argmax(jump[first : last + 1])) for first, last in _runs(sudden)]
+    return [first + int(np.argmax(jump[first : last + 1])) for first, last in runs(sudden)]
 
 
 def _frequency(t: Array, y: Array, size: int) -> float:
@@ -344,8 +338,7 @@ def standing_spans(reading: Reading) -> list[Span]:
     if not told:
         return []
     still = ~np.any(told, axis=0)
-    edges = np.flatnonzero(np.diff(np.concatenate(([0], still.astype(int), [0]))))
-    spans = [(float(t[a]), float(t[b - 1])) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+    spans = [(float(t[first]), float(t[last])) for first, last in runs(still)]
     return [span for span in spans if span[1] - span[0] > SHORTEST]
 
 

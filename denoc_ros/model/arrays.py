@@ -30,11 +30,11 @@ from denoc_ros.model.coordinates import (
     massless_body,
     massless_modes,
     names,
-    turned,
 )
 from denoc_ros.model.friction import SLIP_RATE
 from denoc_ros.model.inertia import beam_inertia
 from denoc_ros.model.link_side import has_springs, link_map, without_springs
+from denoc_ros.model.poses import pose_of
 from denoc_ros.model.tree import Attachment, Body, JointKind, RigidInertia, Tree
 from denoc_ros.types import Array
 
@@ -251,8 +251,7 @@ class _ArrayBuilder:
             self.moving(row, placement, motor)
             row = np.zeros(layout.TOPOLOGY_COLUMNS, dtype=np.int64)
             row[layout.PARENT] = len(self.rows) - 1
-            placement = np.eye(4)
-            placement[:3, :3] = self.axes[-1].T
+            placement = pose_of(rotation=self.axes[-1].T)
         self.body_rows.append(len(self.rows))
         self.moving(row, placement, body)
 
@@ -260,7 +259,7 @@ class _ArrayBuilder:
         self, row: NDArray[np.int64], placement: Array, at: Attachment
     ) -> tuple[NDArray[np.int64], Array]:
         """Write the massless bodies before a floating one; return its row and its placement."""
-        turn = turned(TURNING_AXES)
+        turn = pose_of(rotation=TURNING_AXES)
         parts = (
             (True, placement, SLIDING_MODES, SLIDING_SECTION, turn),
             (False, turn, TURNING_MODES, TURNING_SECTION, turn.T),

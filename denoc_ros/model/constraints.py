@@ -73,10 +73,6 @@ def _meeting(topology: Sequence[Int], one: int, other: int) -> int:
     return other
 
 
-def _axis(axis: Array | None) -> Array:
-    return np.zeros(3) if axis is None else axis
-
-
 class _Ties:
     """One pass over loops and mimic joints."""
 
@@ -106,7 +102,8 @@ class _Ties:
         kind, linear, angular, references = directions(loop)
         header = np.array([loop.damping, loop.friction, float(loop.type == 'prismatic')])
         vectors = np.concatenate([linear, angular, references]).ravel()
-        constants = np.concatenate([_axis(loop.axis), _axis(loop.axis2), header, vectors])
+        axes = [np.zeros(3) if each is None else each for each in (loop.axis, loop.axis2)]
+        constants = np.concatenate([*axes, header, vectors])
         child, parent = frame_rows[loop.child.frame], frame_rows[loop.parent.frame]
         row = self._append(kind, child, parent, constants)
         row[constraint_layout.LINEAR] = len(linear)

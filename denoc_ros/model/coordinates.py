@@ -120,10 +120,3 @@ def massless_body(at: Attachment, slides: bool) -> Body:
     """Return one of the two bodies."""
     joint = Joint('', JointKind.PRISMATIC, np.array([1.0, 0.0, 0.0])) if slides else None
     return Body('', at, joint, np.eye(4), RigidInertia())
-
-
-def turned(rotation: Array) -> Array:
-    """Return a pose (4, 4) that only turns."""
-    pose = np.eye(4)
-    pose[:3, :3] = rotation
-    return pose

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from denoc_ros.model.along import Along
-from denoc_ros.model.poses import rotation_rpy
+from denoc_ros.model.poses import pose_of, rotation_rpy
 from denoc_ros.types import Array
 
 AXES = {
@@ -55,10 +55,7 @@ class SectionAxes:
     def pose(self) -> Array:
         """The principal axes at the root (4, 4), at the centroid, seen from the beam frame."""
         angle, y, z, _, _ = self.values(np.zeros(1))[0]
-        pose = np.eye(4)
-        pose[:3, :3] = rotation_rpy(np.array([angle, 0.0, 0.0]))
-        pose[1:3, 3] = y, z
-        return pose
+        return pose_of((0.0, y, z), rotation_rpy(np.array([angle, 0.0, 0.0])))
 
 
 CENTRED = SectionAxes.of(*[0.0] * len(AXES))

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from denoc_ros.model.poses import rotation_rpy
+from denoc_ros.model.poses import pose_of, rotation_rpy
 from denoc_ros.types import Array
 
 Element = Any  # lxml's element
@@ -154,10 +154,8 @@ class Reader:
 
     def pose(self) -> Array:
         """Return the (4, 4) transform of the attributes xyz [m] and rpy [rad]."""
-        transform = np.eye(4)
-        transform[:3, :3] = rotation_rpy(self.vector('rpy', '0 0 0', 'rad'))
-        transform[:3, 3] = self.vector('xyz', '0 0 0')
-        return transform
+        turn = rotation_rpy(self.vector('rpy', '0 0 0', 'rad'))
+        return pose_of(self.vector('xyz', '0 0 0'), turn)
 
 
 def finite(text: str) -> float | None:

@@ -8,16 +8,15 @@ from collections.abc import Callable
 import numpy as np
 
 from denoc_ros.model.along import CONSTANT, Along
+from denoc_ros.model.poses import pose_of
 from denoc_ros.model.tree import RigidInertia
 from denoc_ros.types import Array
 
 
 def inverse_transform(transform: Array) -> Array:
     """Return the inverse of a homogeneous transform (4, 4)."""
-    inverse = np.eye(4)
-    inverse[:3, :3] = transform[:3, :3].T
-    inverse[:3, 3] = -transform[:3, :3].T @ transform[:3, 3]
-    return inverse
+    back = transform[:3, :3].T
+    return pose_of(-back @ transform[:3, 3], back)
 
 
 def from_centre(mass: float, com: Array, inertia: Array) -> RigidInertia:

@@ -19,6 +19,10 @@ class MappingReader:
         """Note a finding."""
         self.findings.append(text)
 
+    def fail(self, whose: str, rule: str, got: object) -> None:
+        """Note that something must be something else."""
+        self.find(f'{whose} must {rule}, got {got!r}')
+
     def finish(self, where: str) -> None:
         """Raise the findings, if any."""
         ConfigError.raise_any(where, self.findings)
@@ -27,7 +31,7 @@ class MappingReader:
         """Find keys that are not known."""
         for key in values:
             if key not in known:
-                self.find(f"{whose}'s keys must be of {', '.join(known)}, got {key!r}")
+                self.fail(f"{whose}'s keys", f'be of {", ".join(known)}', key)
 
     def mapping(self, whose: str, value: Any) -> Mapping[str, Any]:
         """Return a mapping, empty where there is none."""
@@ -35,7 +39,7 @@ class MappingReader:
             return {}
         if isinstance(value, Mapping):
             return value
-        self.find(f'{whose} must be a mapping, got {value!r}')
+        self.fail(whose, 'be a mapping', value)
         return {}
 
 

@@ -30,6 +30,8 @@ from denoc_ros.model.arrays import is_flexible
 from denoc_ros.model.findings import Element, Findings
 from denoc_ros.model.inertia import beam_inertia, moved, total
 from denoc_ros.model.mjcf_visuals import add_rod, add_visuals
+from denoc_ros.model.poses import pose_of
+from denoc_ros.model.segments import deformations
 from denoc_ros.model.tree import (
     Attachment,
     Beam,
@@ -520,7 +522,8 @@ def _notes(tree: Tree, chains: Iterable[_Chain]) -> list[str]:
         notes.append('friction: MuJoCo holds a resting joint still, without a smooth slip')
     if any(0.0 < joint.limits.velocity < math.inf for joint in joints):
         notes.append('velocity limits: MJCF has none')
-    if any(part.damping.any() for part in _deformations(tree)):
+    beams = [body.beam for body in tree.bodies if body.beam is not None]
+    if any(part.damping.any() for beam in beams for _, part, _ in deformations(beam)):
         rule = "modal damping: exact for the model's modes; the chain's higher modes are damped in"
         notes.append(f'{rule} proportion to stiffness, at most as its least damped mode')
     if any(chain.is_wide for chain in chains):
@@ -533,13 +536,6 @@ def _notes(tree: Tree, chains: Iterable[_Chain]) -> list[str]:
 def _hinges(wanted: int, segments: int) -> int:
     """Return the number of hinges in each of a link's segments: two, or none is exact."""
     return wanted if segments == 1 else max(2, round(wanted / segments))
-
-
-def _deformations(tree: Tree) -> Iterator[Deformation]:
-    for body in tree.bodies:
-        if body.beam is not None:
-            parts = (body.beam.y, body.beam.z, body.beam.torsion)
-            yield from (part for part in parts if part is not None)
 
 
 def _reading(sensor: Sensor, part: Deformation) -> float:
@@ -576,9 +572,7 @@ def _interpolated(
 
 
 def _shifted(inertia: RigidInertia, x: float) -> RigidInertia:
-    shift = np.eye(4)
-    shift[0, 3] = x
-    return moved(inertia, shift)
+    return moved(inertia, pose_of((x, 0.0, 0.0)))
 
 
 def _range(limits: Limits) -> dict[str, str]:

@@ -5,8 +5,18 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from denoc_ros.types import Array
+
+
+def pose_of(place: ArrayLike = (0.0, 0.0, 0.0), rotation: Array | None = None) -> Array:
+    """Return the pose (4, 4) of a place (3,) [m] and a rotation (3, 3), the identity if None."""
+    pose = np.eye(4)
+    pose[:3, 3] = place
+    if rotation is not None:
+        pose[:3, :3] = rotation
+    return pose
 
 
 def rotation_rpy(rpy: Array) -> Array:

@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 from denoc_ros.errors import ModelError
 from denoc_ros.model.findings import Element, Findings
 from denoc_ros.model.mjcf import SEGMENTS, mjcf
+from denoc_ros.model.poses import pose_of
 from denoc_ros.model.tree import Tree
 from denoc_ros.types import Array
 
@@ -122,9 +123,7 @@ class _SdfWriter:
         there = {} if parent == 'world' else {'relative_to': parent}
         etree.SubElement(link, 'pose', there).text = _six(pose)
         given, inertial = body.find('inertial'), etree.SubElement(link, 'inertial')
-        centre = np.eye(4)
-        centre[:3, 3] = _numbers(given.get('pos'))
-        etree.SubElement(inertial, 'pose').text = _six(centre)
+        etree.SubElement(inertial, 'pose').text = _six(pose_of(_numbers(given.get('pos'))))
         etree.SubElement(inertial, 'mass').text = _text(share * float(given.get('mass')))
         inertia = etree.SubElement(inertial, 'inertia')
         moments = _numbers(given.get('fullinertia'))
@@ -138,9 +137,8 @@ class _SdfWriter:
         joint = etree.SubElement(model, 'joint', name=name, type=kind)
         etree.SubElement(joint, 'parent').text = parent
         etree.SubElement(joint, 'child').text = child
-        place = np.eye(4)
-        place[:3, 3] = _numbers(given.get('pos', '0 0 0'))
-        etree.SubElement(joint, 'pose').text = _six(place)
+        place = _numbers(given.get('pos', '0 0 0'))
+        etree.SubElement(joint, 'pose').text = _six(pose_of(place))
         axis = etree.SubElement(joint, 'axis')
         etree.SubElement(axis, 'xyz').text = given.get('axis')
         if (mimic := self._mimics.get(name)) is not None:
@@ -199,11 +197,9 @@ def _fixed(model: Element, name: str, parent: str, child: str) -> None:
 
 
 def _pose(element: Element) -> Array:
-    pose = np.eye(4)
-    pose[:3, 3] = _numbers(element.get('pos', '0 0 0'))
     w, x, y, z = _numbers(element.get('quat', '1 0 0 0'))
-    pose[:3, :3] = Rotation.from_quat([x, y, z, w]).as_matrix()
-    return pose
+    rotation = Rotation.from_quat([x, y, z, w]).as_matrix()
+    return pose_of(_numbers(element.get('pos', '0 0 0')), rotation)
 
 
 def _six(pose: Array) -> str:

@@ -15,6 +15,7 @@ from denoc_ros.model.component_links import check_frame, component_link, find_fr
 from denoc_ros.model.findings import Element, Findings
 from denoc_ros.model.flexibility import Flexibility, LoopElement, check_springs, read_flexibility
 from denoc_ros.model.inertia import inverse_transform, moved, total
+from denoc_ros.model.poses import pose_of
 from denoc_ros.model.rigid_urdf import RigidUrdf, RigidUrdfJoint, read_rigid_urdf
 from denoc_ros.model.segments import locate
 from denoc_ros.model.sensors import make_sensor, make_strain_sensor
@@ -208,8 +209,7 @@ def _inertial_sensor(
         return InertialSensor(**vars(sensor), mount=at)
     if sensor.station is not None:
         beam = flexibility.beams[sensor.link]
-        section[0, 3] = min(sensor.station, beam.length)
-        section = beam.origin @ section
+        section = beam.origin @ pose_of((min(sensor.station, beam.length), 0.0, 0.0))
     at = assembly.attach(sensor.link, section)
     mount = replace(at, placement=at.placement @ sensor.origin)
     return InertialSensor(**vars(sensor), mount=mount)

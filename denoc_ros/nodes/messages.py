@@ -8,24 +8,26 @@ from __future__ import annotations
 
 import struct
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from importlib import import_module
+from math import prod
+from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from builtin_interfaces.msg import Duration as DurationMessage
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import AccelStamped, PoseStamped
+from geometry_msgs.msg import PoseStamped
 from rclpy.duration import Duration
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import serialize_message
-from sensor_msgs.msg import Imu
 from std_msgs.msg import Float64, Float64MultiArray, MultiArrayDimension
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from denoc_ros.bags.cdr import stamp_bytes, stamp_fields
 from denoc_ros.bags.definitions import exact_cdr
 from denoc_ros.bags.joint_state import IMPEDANCE
+from denoc_ros.bags.sensor_messages import INERTIAL_NUMBERS
 from denoc_ros.errors import BagError
 from denoc_ros.types import Array
 
@@ -41,6 +43,7 @@ LATCHED = QoSProfile(
     depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
 )
 DELIVERY = 0.5  # s
+MOTION = {'gyro': slice(0, 3), 'accel': slice(3, 6)}  # of angular rate and specific force
 STAMP = struct.Struct('<iI')
 
 
@@ -78,46 +81,38 @@ class _Prebuilt:
 
 
 class CommandMessage(_Prebuilt):
-    """A Float64MultiArray whose `layout.dim[0].label` names the joints: write `values`."""
+    """A Float64MultiArray whose `layout.dim[0].label` names the joints: write `values`.
 
-    _has_header = False
-
-    def __init__(self, joints: Sequence[str]) -> None:
-        count = len(joints)
-        message = Float64MultiArray()
-        message.layout.dim = [
-            MultiArrayDimension(label=','.join(joints), size=count, stride=count)
-        ]
-        message.data = [1.2345e100] * count
-        self.raw, offsets = template(message, [1.2345e100] if count else [])
-        self.values: Array = (
-            np.frombuffer(self.raw, '<f8', count, offsets[0]) if count else np.empty(0)
-        )
-        self.values[:] = 0.0
-
-
-class ImpedanceCommandMessage(_Prebuilt):
-    """A Float64MultiArray of rows, one a joint: write `values` (joints, 5).
-
-    `layout.dim[0].label` names the joints, `layout.dim[1].label` the columns: `IMPEDANCE`.
+    With columns it has a row for each joint: `values` is (joints, columns), and
+    `layout.dim[1].label` names the columns.
     """
 
     _has_header = False
 
-    def __init__(self, joints: Sequence[str]) -> None:
-        count, width = len(joints), len(IMPEDANCE)
+    def __init__(self, joints: Sequence[str], columns: Sequence[str] = ()) -> None:
+        shape = (len(joints), len(columns)) if columns else (len(joints),)
         message = Float64MultiArray()
         message.layout.dim = [
-            MultiArrayDimension(label=','.join(joints), size=count, stride=count * width),
-            MultiArrayDimension(label=','.join(IMPEDANCE), size=width, stride=width),
+            MultiArrayDimension(label=','.join(names), size=len(names), stride=prod(shape[k:]))
+            for k, names in enumerate((joints, columns)[: len(shape)])
         ]
-        message.data = [1.2345e100] * (count * width)
-        self.raw, offsets = template(message, [1.2345e100] if count else [])
+        message.data = [1.2345e100] * prod(shape)
+        self.raw, offsets = template(message, [1.2345e100] if joints else [])
         flat: Array = (
-            np.frombuffer(self.raw, '<f8', count * width, offsets[0]) if count else np.empty(0)
+            np.frombuffer(self.raw, '<f8', prod(shape), offsets[0]) if joints else np.empty(0)
         )
-        self.values: Array = flat.reshape(count, width)
+        self.values: Array = flat.reshape(shape)
         self.values[:] = 0.0
+
+
+class ImpedanceCommandMessage(CommandMessage):
+    """The command of a joint and its feedback in a row: write `values` (joints, 5).
+
+    Its columns are `IMPEDANCE`.
+    """
+
+    def __init__(self, joints: Sequence[str]) -> None:
+        super().__init__(joints, IMPEDANCE)
 
 
 class FloatMessage(_Prebuilt):
@@ -152,47 +147,42 @@ class TrajectoryPointMessage(_Prebuilt):
             view[:] = 0.0
 
 
-class ImuMessage(_Prebuilt):
-    """An Imu without orientation.
+class InertialMessage(_Prebuilt):
+    """The message of an IMU without orientation, or of an accelerometer.
 
     Parameters
     ----------
+    type_name : str
+        One of `INERTIAL_NUMBERS`.
     frame_id : str
-    gyro_noise, accel_noise : float
-        Standard deviations of each axis, for the covariances.
+    noise : mapping of str to float
+        Standard deviations of each axis by vector, for the covariances that the type has.
     """
 
-    def __init__(self, frame_id: str, gyro_noise: float, accel_noise: float) -> None:
-        message = Imu()
+    def __init__(self, type_name: str, frame_id: str, noise: Mapping[str, float]) -> None:
+        message = message_class(type_name)()
         message.header.frame_id = frame_id
-        message.orientation_covariance[0] = -1.0  # the type's word for none
-        for axis in range(3):
-            message.angular_velocity_covariance[4 * axis] = gyro_noise**2
-            message.linear_acceleration_covariance[4 * axis] = accel_noise**2
-        message.angular_velocity.x, message.linear_acceleration.x = 1.2345e100, 1.3345e100
-        self.raw, offsets = template(message, [1.2345e100, 1.3345e100])
-        self._rate, self._force = (np.frombuffer(self.raw, '<f8', 3, k) for k in offsets)
+        if hasattr(message, 'orientation_covariance'):
+            message.orientation_covariance[0] = -1.0  # the type's word for none
+        markers: list[float] = []
+        for vector, (first, *_) in INERTIAL_NUMBERS[type_name].items():
+            markers.append(1.2345e100 + len(markers) * 1e90)
+            path = first.rpartition('.')[0]
+            attrgetter(path)(message).x = markers[-1]
+            covariance = getattr(message, f'{path}_covariance', None)
+            if covariance is not None:
+                covariance[[0, 4, 8]] = noise.get(vector, 0.0) ** 2
+        self.raw, offsets = template(message, markers)
+        self._vectors = [
+            (np.frombuffer(self.raw, '<f8', 3, offset), MOTION[vector])
+            for offset, vector in zip(offsets, INERTIAL_NUMBERS[type_name], strict=True)
+        ]
         self.write(np.zeros(6))
 
     def write(self, values: Array) -> None:
         """Write angular rate and specific force (6,)."""
-        self._rate[:], self._force[:] = values[:3], values[3:]
-
-
-class AccelMessage(_Prebuilt):
-    """An AccelStamped of an accelerometer, its angular part zero."""
-
-    def __init__(self, frame_id: str) -> None:
-        message = AccelStamped()
-        message.header.frame_id = frame_id
-        message.accel.linear.x = 1.2345e100
-        self.raw, offsets = template(message, [1.2345e100])
-        self._force: Array = np.frombuffer(self.raw, '<f8', 3, offsets[0])
-        self.write(np.zeros(6))
-
-    def write(self, values: Array) -> None:
-        """Write the specific force out of angular rate and specific force (6,)."""
-        self._force[:] = values[3:]
+        for vector, columns in self._vectors:
+            vector[:] = values[columns]
 
 
 class PoseMessage(_Prebuilt):

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray
@@ -14,10 +12,9 @@ from denoc_ros.model.tree import InertialSensor, Sensor
 from denoc_ros.nodes.base import DenocNode
 from denoc_ros.nodes.messages import (
     STATE,
-    AccelMessage,
     CommandMessage,
     FloatMessage,
-    ImuMessage,
+    InertialMessage,
     message_class,
     raw_publish,
 )
@@ -145,7 +142,8 @@ class _Output:
         if noisy:
             self._deviation = sensor.deviations('noise')
             self._bias = sensor.deviations('bias') * generator.standard_normal(count)
-        self._message = INERTIAL_MESSAGES[kind.message](sensor, noisy)
+        noise = {name: getattr(sensor, f'{name}_noise') for name in kind.vectors}
+        self._message = InertialMessage(kind.message, sensor.name, noise if noisy else {})
         publisher = node.create_publisher(message_class(kind.message), sensor.topic, STATE)
         self._publish = raw_publish(publisher)
 
@@ -157,15 +155,3 @@ class _Output:
         self._motion[self._columns] = reading
         self._message.write(self._motion)
         self._publish(self._message.bytes(stamp_ns))
-
-
-def _imu(sensor: InertialSensor, noisy: bool) -> ImuMessage:
-    gyro, accel = (sensor.gyro_noise, sensor.accel_noise) if noisy else (0.0, 0.0)
-    return ImuMessage(sensor.name, gyro, accel)
-
-
-# by the type of its topic: a sensor's message, and whether it has noise
-INERTIAL_MESSAGES: dict[str, Callable[[InertialSensor, bool], ImuMessage | AccelMessage]] = {
-    'sensor_msgs/msg/Imu': _imu,
-    'geometry_msgs/msg/AccelStamped': lambda sensor, _noisy: AccelMessage(sensor.name),
-}

@@ -23,6 +23,7 @@ from denoc_ros.model.cross_sections import AXES, CENTRED, SectionAxes
 from denoc_ros.model.flexibility import BeamElement
 from denoc_ros.model.inertia import inverse_transform, moved
 from denoc_ros.model.link_file import LinkFrame
+from denoc_ros.model.poses import pose_of
 from denoc_ros.model.shapes import merged_edges
 from denoc_ros.model.tree import RigidInertia
 from denoc_ros.reduction.body import FiniteElementBody, Patch, Rows
@@ -375,8 +376,7 @@ def reduce_beam(
     near = SAME_STATION * sections.length
     outer = dict(outer)
     if not any(x > near for x in place.values()):
-        tip = np.eye(4)
-        tip[0, 3] = sections.length
+        tip = pose_of((sections.length, 0.0, 0.0))
         outer['tip'], place['tip'] = element.origin @ tip, sections.length
     body = beam_body(f'beam {element.link!r}', sections, element.origin, list(place.values()))
     along = (body.nodes - element.origin[:3, 3]) @ element.origin[:3, 0]

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from denoc_ros.dynamics.loop_response import LoopResponse, Swing
-from denoc_ros.reports.figures import PHASE_COLOURS, TRUTH_COLOUR, Curve, Panel, line_figure
+from denoc_ros.reports.figures import Curve, Ink, Panel, line_figure
 from denoc_ros.reports.pages import (
     UNKNOWN,
     Card,
@@ -21,7 +21,7 @@ from denoc_ros.reports.pages import (
 Pair = tuple[str, str]
 Places = Mapping[str, LoopResponse]
 
-COLOURS = (*PHASE_COLOURS, TRUTH_COLOUR)
+COLOURS = (*Ink.PHASES, Ink.TRUTH)
 SHOWN = 8  # poles and zeros of a table
 HEIGHT = 2.6  # inches
 

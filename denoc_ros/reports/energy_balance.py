@@ -11,7 +11,7 @@ from scipy.integrate import cumulative_trapezoid
 
 from denoc_ros.bags.run import RecordedTopics
 from denoc_ros.dynamics.robot import Robot
-from denoc_ros.reports.figures import PHASE_COLOURS, TRUTH_COLOUR, Curve, Panel, line_figure
+from denoc_ros.reports.figures import Curve, Ink, Panel, line_figure
 from denoc_ros.reports.pages import Card, PageSection, Verdict, engineering
 from denoc_ros.types import Array
 
@@ -114,19 +114,19 @@ def cards(found: EnergyBalance) -> list[Card]:
 def sections(found: EnergyBalance) -> Sequence[PageSection]:
     """Return the sections on energy, and on loops where there are any."""
     curves = [
-        Curve('kinetic', PHASE_COLOURS[0], found.t, found.kinetic),
+        Curve('kinetic', Ink.PHASES[0], found.t, found.kinetic),
         Curve(
             'potential, from the start',
-            PHASE_COLOURS[1],
+            Ink.PHASES[1],
             found.t,
             found.potential - found.potential[0],
         ),
     ]
     total = found.total - found.potential[0]
     panels = [Panel('energies', 'J', curves)]
-    balanced = [Curve('total', TRUTH_COLOUR, found.t, total - total[0])]
+    balanced = [Curve('total', Ink.TRUTH, found.t, total - total[0])]
     if found.work is not None:
-        balanced.append(Curve('work of the joints', PHASE_COLOURS[2], found.t, found.work, True))
+        balanced.append(Curve('work of the joints', Ink.PHASES[2], found.t, found.work, True))
     panels.append(Panel('total energy and work, from the start', 'J', balanced))
     shown = [
         PageSection(
@@ -138,7 +138,7 @@ def sections(found: EnergyBalance) -> Sequence[PageSection]:
         )
     ]
     if found.closure is not None:
-        error = Curve('', PHASE_COLOURS[1], found.t, np.maximum(found.closure, SMALLEST))
+        error = Curve('', Ink.PHASES[1], found.t, np.maximum(found.closure, SMALLEST))
         panel = Panel('largest error of the loops', 'm or rad', [error], log_y=True)
         shown.append(
             PageSection(

@@ -24,14 +24,19 @@ from denoc_ros.reports.loop_timing import LoopMeasure
 from denoc_ros.types import Array
 from denoc_ros.units import NONE, si_prefix
 
-# Names of the page's CSS variables: a phase keeps its colour in every figure and every theme.
-PHASE_COLOURS = ('series-1', 'series-2', 'series-3', 'series-4', 'series-5')
-TRUTH_COLOUR = 'ink'
-DIFFERENCE_COLOUR = 'difference'
-BAR_COLOUR = 'bars'
-GRID_COLOUR = 'line'
-AXIS_COLOUR = 'muted'
-COLOURS = (*PHASE_COLOURS, TRUTH_COLOUR, DIFFERENCE_COLOUR, BAR_COLOUR, GRID_COLOUR, AXIS_COLOUR)
+
+class Ink:
+    """Colours by the page's CSS variables: a phase keeps its own in every figure and theme."""
+
+    PHASES = ('series-1', 'series-2', 'series-3', 'series-4', 'series-5')
+    TRUTH = 'ink'
+    DIFFERENCE = 'difference'
+    BARS = 'bars'
+    GRID = 'line'
+    AXIS = 'muted'
+
+
+COLOURS = (*Ink.PHASES, Ink.TRUTH, Ink.DIFFERENCE, Ink.BARS, Ink.GRID, Ink.AXIS)
 PIXELS = 900  # columns a curve is thinned to: finer than a page shows
 WIDTH, LONE_WIDTH = 4.4, 4.8  # inches of a panel: text of 10 points is read on a phone too
 HISTOGRAM_HEIGHT = 2.0  # inches
@@ -204,8 +209,8 @@ def _draw_histogram(axis: Axes, loop: LoopMeasure) -> str:
     shown = int(np.searchsorted(loop.edges, LAST_PERIOD, side='right')) - 1
     counts = loop.counts[:shown]
     beyond = int(loop.counts.sum() - counts.sum())
-    axis.stairs(counts, edges[: shown + 1], fill=True, color=_stand_in(BAR_COLOUR))
-    axis.axvline(1e3 * loop.nominal, color=_stand_in(PHASE_COLOURS[0]), lw=0.9)
+    axis.stairs(counts, edges[: shown + 1], fill=True, color=_stand_in(Ink.BARS))
+    axis.axvline(1e3 * loop.nominal, color=_stand_in(Ink.PHASES[0]), lw=0.9)
     axis.set_yscale('log')
     axis.set_ylim(0.7, 3.0 * max(float(counts.max(initial=1.0)), float(beyond), 1.0))
     _label_powers(axis.yaxis)
@@ -215,12 +220,12 @@ def _draw_histogram(axis: Axes, loop: LoopMeasure) -> str:
     if beyond:
         middle = last * (1.0 + 0.5 * OVERFLOW_ROOM)
         (bar,) = axis.bar(
-            middle, beyond, 0.6 * OVERFLOW_ROOM * last, color=_stand_in(PHASE_COLOURS[4])
+            middle, beyond, 0.6 * OVERFLOW_ROOM * last, color=_stand_in(Ink.PHASES[4])
         )
         bar.set_gid(OVERFLOW)
         axis.annotate(
             f'{beyond} longer', (middle, beyond), (0.0, 3.0), textcoords='offset points',
-            ha='right', fontsize=9, color=_stand_in(TRUTH_COLOUR),
+            ha='right', fontsize=9, color=_stand_in(Ink.TRUTH),
         )  # fmt: skip
         label += f'   (the last bar: longer, max {1e3 * loop.longest:.3g} ms)'
     axis.set_xlabel(label)
@@ -239,16 +244,16 @@ def _label_powers(side: Axis) -> None:
 
 def _tidy(axis: Axes) -> None:
     axis.set_facecolor('none')
-    axis.grid(True, color=_stand_in(GRID_COLOUR), lw=0.7)
+    axis.grid(True, color=_stand_in(Ink.GRID), lw=0.7)
     axis.set_axisbelow(True)
     for side in ('top', 'right'):
         axis.spines[side].set_visible(False)
-    muted = _stand_in(AXIS_COLOUR)
+    muted = _stand_in(Ink.AXIS)
     for side in ('left', 'bottom'):
         axis.spines[side].set_color(muted)
     axis.tick_params(which='both', colors=muted, labelsize=9)
     for one in (axis.xaxis, axis.yaxis):
-        one.label.set_color(_stand_in(TRUTH_COLOUR))
+        one.label.set_color(_stand_in(Ink.TRUTH))
         one.label.set_gid(AXIS_LABEL)
         one.offsetText.set_color(muted)
     axis.margins(x=0.01)

@@ -10,7 +10,7 @@ import numpy as np
 from denoc_ros.identification.model.excitation import Excitation
 from denoc_ros.identification.model.result import verdict_text
 from denoc_ros.model.tree import Tree
-from denoc_ros.reports.figures import PHASE_COLOURS, Curve, Panel, line_figure
+from denoc_ros.reports.figures import Curve, Ink, Panel, line_figure
 from denoc_ros.reports.identify_result import (
     TONES,
     interval_text,
@@ -168,7 +168,7 @@ def _motion(found: Excitation, units: Units) -> PageSection:
     for k, joint in enumerate(found.joints):
         unit = units.position(joint)
         for what, values, per in (('', rows.q, ''), (', velocity', rows.qd, '/s')):
-            curve = Curve(joint, PHASE_COLOURS[0], rows.t, values[:, k])
+            curve = Curve(joint, Ink.PHASES[0], rows.t, values[:, k])
             panels.append(Panel(f'{joint}{what}', unit + per, [curve]))
     text = 'A Fourier series of each joint; velocity, acceleration and jerk are 0 at both ends.'
     return PageSection('The motion', text, [line_figure(panels)])

@@ -6,19 +6,10 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from denoc_ros.reports.figures import (
-    DIFFERENCE_COLOUR,
-    PHASE_COLOURS,
-    RESULT_HEIGHT,
-    TRUTH_COLOUR,
-    Curve,
-    Figure,
-    Panel,
-    line_figure,
-)
+from denoc_ros.reports.figures import RESULT_HEIGHT, Curve, Figure, Ink, Panel, line_figure
 from denoc_ros.reports.pages import Card, PageSection, PageTable, ReportPage, Tone, Verdict
 from denoc_ros.reports.provenance import provenance
-from denoc_ros.reports.text_table import cell_text
+from denoc_ros.reports.text_table import cell_text, text_table
 from denoc_ros.types import Array
 
 TONES: Mapping[str, Tone] = {'good': 'good', 'doubtful': 'doubtful', 'not identifiable': 'bad'}
@@ -126,10 +117,10 @@ def fit_figure(
         Times [s] and values.
     """
     curves = [
-        Curve('measured', TRUTH_COLOUR, t, measured),
-        Curve(word, PHASE_COLOURS[0], t, fitted, True),
+        Curve('measured', Ink.TRUTH, t, measured),
+        Curve(word, Ink.PHASES[0], t, fitted, True),
     ]
-    difference = Curve('difference', DIFFERENCE_COLOUR, t, measured - fitted)
+    difference = Curve('difference', Ink.DIFFERENCE, t, measured - fitted)
     panels = [
         Panel(name, unit, [*above, *curves]),
         Panel(f'measured minus {word}', unit, [difference]),
@@ -146,6 +137,30 @@ def modes_found(document: Mapping[str, Any]) -> str:
         f'{mode["frequency_hz"]:.4g} Hz with ζ {mode["damping_ratio"]:.3g}' for mode in modes
     )
     return f'{len(modes)} mode{"s" * (len(modes) > 1)}: {listed}'
+
+
+# of a document: said in the head, on the page, or not a number
+ABOUT = ('kind', 'source', 'window', 'quality', 'method', 'verdict', 'reasons', 'versions')
+
+
+def values_text(document: Mapping[str, Any]) -> str:
+    """Return the values of a result for a terminal, where they have no text of their own."""
+    rows = [{'': name, 'value': value} for name, value in _values(document).items()]
+    return result_text(
+        document, [document['source']['file']], text_table(rows), document['reasons']
+    )
+
+
+def values_page(document: Mapping[str, Any], command: str) -> ReportPage:
+    """Return the page of a result's values, where they have none of their own."""
+    rows = [[name, cell_text(value)] for name, value in _values(document).items()]
+    section = PageSection('Values', document['method'], tables=[PageTable(('', ''), rows)])
+    found = f'{len(rows)} value{"s" * (len(rows) != 1)}'
+    return result_page(document, document['kind'].capitalize(), found, [], [section], command)
+
+
+def _values(document: Mapping[str, Any]) -> dict[str, Any]:
+    return {name.replace('_', ' '): value for name, value in document.items() if name not in ABOUT}
 
 
 def _verdict(document: Mapping[str, Any], found: str) -> Verdict:

@@ -15,15 +15,7 @@ from denoc_ros.identification.records import Record
 from denoc_ros.identification.servo import Run, ServoFit
 from denoc_ros.identification.spectra import SpectralDecay, waterfall
 from denoc_ros.identification.swing import swing_angles
-from denoc_ros.reports.figures import (
-    DIFFERENCE_COLOUR,
-    PHASE_COLOURS,
-    RESULT_HEIGHT,
-    TRUTH_COLOUR,
-    Curve,
-    Panel,
-    line_figure,
-)
+from denoc_ros.reports.figures import RESULT_HEIGHT, Curve, Ink, Panel, line_figure
 from denoc_ros.reports.identify_result import (
     SHOWN,
     fit_figure,
@@ -130,8 +122,8 @@ def _held_out(analysis: DecayAnalysis) -> PageSection | None:
         'not seen by the fit',
         record.unit,
         [
-            Curve('measured', TRUTH_COLOUR, t, y),
-            Curve('simulated', PHASE_COLOURS[1], t, predicted, True),
+            Curve('measured', Ink.TRUTH, t, y),
+            Curve('simulated', Ink.PHASES[1], t, predicted, True),
         ],
     )
     return PageSection(
@@ -158,9 +150,9 @@ def _envelopes(analysis: DecayAnalysis) -> PageSection | None:
                 f'{frequency:.4g} Hz, ζ {modes.damping_ratio[k]:.4g}',
                 record.unit,
                 [
-                    Curve('crests', TRUTH_COLOUR, record.t[crest], own[crest], marker='.'),
-                    Curve('fitted', PHASE_COLOURS[0], record.t[seen], fit[seen]),
-                    Curve('noise', DIFFERENCE_COLOUR, ends, np.full(2, modes.noise), True),
+                    Curve('crests', Ink.TRUTH, record.t[crest], own[crest], marker='.'),
+                    Curve('fitted', Ink.PHASES[0], record.t[seen], fit[seen]),
+                    Curve('noise', Ink.DIFFERENCE, ends, np.full(2, modes.noise), True),
                     *_spectral(analysis.spectra[k]),
                 ],
                 log_y=True,
@@ -189,7 +181,7 @@ def _spectral(decay: SpectralDecay) -> list[Curve]:
         return []
     used = decay.used
     return [
-        Curve('evolving spectra', PHASE_COLOURS[1], decay.time[used], decay.magnitude[used], True)
+        Curve('evolving spectra', Ink.PHASES[1], decay.time[used], decay.magnitude[used], True)
     ]
 
 
@@ -205,7 +197,7 @@ def _waterfall(analysis: DecayAnalysis) -> PageSection | None:
     shown = fall.frequency < min(2.5 * modes.frequency.max(), fall.frequency[-1])
     step = 0.25 * float(fall.magnitude.max())
     curves = [
-        Curve('', PHASE_COLOURS[1], fall.frequency[shown], fall.magnitude[k][shown] + step * place)
+        Curve('', Ink.PHASES[1], fall.frequency[shown], fall.magnitude[k][shown] + step * place)
         for place, k in enumerate(chosen)
     ]
     panel = Panel(
@@ -237,13 +229,13 @@ def _amplitude_dependence(analysis: DecayAnalysis) -> PageSection | None:
                 [
                     Curve(
                         'window, 95 % from noise',
-                        PHASE_COLOURS[1],
+                        Ink.PHASES[1],
                         curve.amplitude,
                         curve.damping_ratio,
                         marker='o',
                         error=1.96 * curve.deviation,
                     ),
-                    Curve('whole', PHASE_COLOURS[0], curve.amplitude[[0, -1]], level, True),
+                    Curve('whole', Ink.PHASES[0], curve.amplitude[[0, -1]], level, True),
                 ],
                 x_label=f'amplitude [{unit}]' if unit else 'amplitude',
                 log_x=True,
@@ -264,8 +256,8 @@ def _residual(analysis: DecayAnalysis) -> PageSection:
     frequency, signal, rest = residual_spectrum(analysis)
     floor = max(float(rest.max()) * 1e-3, 1e-300)
     curves = [
-        Curve('measured', TRUTH_COLOUR, frequency[1:], np.maximum(signal[1:], floor)),
-        Curve('residual', PHASE_COLOURS[0], frequency[1:], np.maximum(rest[1:], floor)),
+        Curve('measured', Ink.TRUTH, frequency[1:], np.maximum(signal[1:], floor)),
+        Curve('residual', Ink.PHASES[0], frequency[1:], np.maximum(rest[1:], floor)),
     ]
     panel = Panel('amplitude', analysis.record.unit, curves, x_label='frequency [Hz]', log_y=True)
     rows = [
@@ -342,8 +334,8 @@ def _response(found: ForcedModes) -> PageSection:
             title + (f', input {k + 1}' if inputs > 1 else ''),
             unit,
             [
-                Curve('measured', TRUTH_COLOUR, found.line, of(found.measured[:, k]), marker='.'),
-                Curve('fitted', PHASE_COLOURS[0], found.line, of(found.fitted[:, k])),
+                Curve('measured', Ink.TRUTH, found.line, of(found.measured[:, k]), marker='.'),
+                Curve('fitted', Ink.PHASES[0], found.line, of(found.fitted[:, k])),
             ],
             x_label='frequency [Hz]',
             log_y=log,
@@ -421,7 +413,7 @@ def _swing(record: Record, fit: JointFit) -> PageSection:
 def _models(record: Record, fit: JointFit) -> PageSection:
     def angles(model: FrictionModel) -> Curve:
         shown = swing_angles(model.swing, record.t - fit.start, fit.large)
-        colour = PHASE_COLOURS[fit.models.index(model) % len(PHASE_COLOURS)]
+        colour = Ink.PHASES[fit.models.index(model) % len(Ink.PHASES)]
         difference = np.asarray(record.y - shown)
         return Curve(' + '.join(model.terms), colour, record.t, difference)
 
@@ -513,7 +505,7 @@ def servo_text(document: Mapping[str, Any]) -> str:
 
 
 def _followed(fit: ServoFit, t: Array, told: Array, measured: Array) -> PageSection:
-    commanded = Curve('told', DIFFERENCE_COLOUR, t, told)
+    commanded = Curve('told', Ink.DIFFERENCE, t, told)
     figure = fit_figure(t, measured, fit.fitted, 'position', 'rad', above=[commanded])
     return PageSection(
         fit.joint,

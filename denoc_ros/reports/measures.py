@@ -238,8 +238,8 @@ def _tip_error(
         wanted = robot.assemble(wanted, fixed=asked.names)
     except SolverError:
         return None
-    gap = _positions(robot, tip, q) - _positions(robot, tip, wanted)
-    return Series(true.t[rows], (tip,), np.linalg.norm(gap, axis=1)[:, np.newaxis])
+    gap = robot.frame_pose(tip, q) - robot.frame_pose(tip, wanted)
+    return Series(true.t[rows], (tip,), np.linalg.norm(gap[:, :3, 3], axis=1)[:, np.newaxis])
 
 
 def _reacting(robot: Robot, asked: _Reference, times: Array) -> Array:
@@ -249,10 +249,6 @@ def _reacting(robot: Robot, asked: _Reference, times: Array) -> Array:
     joints[:, [robot.joint_names.index(name) for name in asked.names]] = asked.at(at)
     motion = AskedMotion(robot, at, joints)
     return np.asarray(motion.coordinates(times)[:, robot.base_indices])
-
-
-def _positions(robot: Robot, frame: str, states: Array) -> Array:
-    return np.array([robot.frame_pose(frame, q)[:3, 3] for q in states])
 
 
 def _deflections(recording: RecordedTopics, start: float, end: float) -> tuple[Deflection, ...]:

@@ -11,14 +11,7 @@ from denoc_ros.dynamics.robot import Robot
 from denoc_ros.replay.adaptation import NORMAL
 from denoc_ros.replay.bag import MEASURED, Replay
 from denoc_ros.replay.friction import TERMS
-from denoc_ros.reports.figures import (
-    DIFFERENCE_COLOUR,
-    PHASE_COLOURS,
-    TRUTH_COLOUR,
-    Curve,
-    Panel,
-    line_figure,
-)
+from denoc_ros.reports.figures import Curve, Ink, Panel, line_figure
 from denoc_ros.reports.pages import (
     UNKNOWN,
     Card,
@@ -38,11 +31,11 @@ Look = tuple[str, bool]  # colour, dashed
 Summary = Mapping[str, Any]
 
 LOOKS: Mapping[str, Look] = {
-    MEASURED: (DIFFERENCE_COLOUR, False),
-    'rigid': (PHASE_COLOURS[0], True),
-    'flexible': (PHASE_COLOURS[1], True),
+    MEASURED: (Ink.DIFFERENCE, False),
+    'rigid': (Ink.PHASES[0], True),
+    'flexible': (Ink.PHASES[1], True),
 }
-DEFLECTION_LOOKS = ((TRUTH_COLOUR, False), (PHASE_COLOURS[2], False), (PHASE_COLOURS[1], True))
+DEFLECTION_LOOKS = ((Ink.TRUTH, False), (Ink.PHASES[2], False), (Ink.PHASES[1], True))
 
 
 def page(
@@ -262,10 +255,10 @@ def _adapted(replay: Replay) -> PageSection | None:
     panels, rows = [], []
     for k, path in enumerate(found.paths):
         value, half = found.values[:, k], NORMAL * found.deviations[:, k]
-        curves = [Curve('value', PHASE_COLOURS[0], found.t, value)]
+        curves = [Curve('value', Ink.PHASES[0], found.t, value)]
         for side in (value - half, value + half):
             held = np.clip(side, *found.bounds[k])
-            curves.append(Curve('95 % interval', TRUTH_COLOUR, found.t, held, dashed=True))
+            curves.append(Curve('95 % interval', Ink.TRUTH, found.t, held, dashed=True))
         panels.append(Panel(path, '', curves))
         last = f'{found.last[k]:.5g}' + (f' ± {half[-1]:.2g}' if len(half) else '')
         low, high = found.bounds[k]

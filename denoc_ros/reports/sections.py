@@ -13,15 +13,7 @@ import numpy as np
 from denoc_ros.bags.run import Diagnostic, RecordedTopics
 from denoc_ros.bags.series import Series
 from denoc_ros.model.tree import JointKind, Tree
-from denoc_ros.reports.figures import (
-    DIFFERENCE_COLOUR,
-    PHASE_COLOURS,
-    TRUTH_COLOUR,
-    Curve,
-    Panel,
-    histogram_figure,
-    line_figure,
-)
+from denoc_ros.reports.figures import Curve, Ink, Panel, histogram_figure, line_figure
 from denoc_ros.reports.loop_timing import LoopMeasure, NodeWarnings
 from denoc_ros.reports.measures import (
     SETTLED,
@@ -135,11 +127,11 @@ def deflection(phases: Sequence[PhaseMeasures]) -> PageSection | None:
 def _deflection_curves(entry: Deflection, colour: str) -> list[Curve]:
     curves = []
     if entry.true is not None:
-        curves.append(Curve('true (plant)', TRUTH_COLOUR, entry.t, entry.true))
+        curves.append(Curve('true (plant)', Ink.TRUTH, entry.t, entry.true))
     if entry.predicted is not None:
         curves.append(Curve('predicted', colour, entry.t, entry.predicted, True))
     if entry.error is not None:
-        curves.append(Curve('difference', DIFFERENCE_COLOUR, entry.t, entry.error))
+        curves.append(Curve('difference', Ink.DIFFERENCE, entry.t, entry.error))
     return curves
 
 
@@ -309,7 +301,7 @@ def _beside(panel: Panel, effort: Series) -> Panel:
     """Return a torque panel with the measured effort of its joint under the computed one."""
     if panel.title not in effort.names:
         return panel
-    measured = Curve('measured', DIFFERENCE_COLOUR, effort.t, effort.column(panel.title))
+    measured = Curve('measured', Ink.DIFFERENCE, effort.t, effort.column(panel.title))
     computed = [dataclasses.replace(curve, label='computed') for curve in panel.curves]
     return dataclasses.replace(panel, curves=[measured, *computed])
 
@@ -322,7 +314,7 @@ def _deflection_title(name: str, phase: str, several: bool) -> str:
 
 def colour_of(k: int) -> str:
     """Return the colour of the phase at a place: the same in every figure."""
-    return PHASE_COLOURS[k % len(PHASE_COLOURS)]
+    return Ink.PHASES[k % len(Ink.PHASES)]
 
 
 def tip(phases: Sequence[PhaseMeasures]) -> PageSection | None:

@@ -17,7 +17,7 @@ from denoc_ros.control.shaped_samples import rest_spline
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.model.numbers import match, numbers_of, values_of
 from denoc_ros.model.tree import Tree
-from denoc_ros.reports.figures import DIFFERENCE_COLOUR, PHASE_COLOURS, Curve, Panel, line_figure
+from denoc_ros.reports.figures import Curve, Ink, Panel, line_figure
 from denoc_ros.reports.pages import Card, PageSection, PageTable, ReportPage, Verdict, engineering
 from denoc_ros.reports.sections import Units
 from denoc_ros.types import Array
@@ -283,7 +283,7 @@ def _cards(found: PlanComparison) -> list[Card]:
 
 
 def _tip(found: PlanComparison) -> PageSection:
-    pairs = zip((PLAIN, SHAPED), PHASE_COLOURS, (found.plain, found.shaped), strict=False)
+    pairs = zip((PLAIN, SHAPED), Ink.PHASES, (found.plain, found.shaped), strict=False)
     curves = [Curve(name, colour, run.t, run.error) for name, colour, run in pairs]
     least = 1e-3 * max(1e-9, min(found.plain.rms, found.shaped.rms))
     logarithmic = [Curve(c.label, c.colour, c.t, np.maximum(c.y, least)) for c in curves]
@@ -306,11 +306,9 @@ def _joints(found: PlanComparison, units: Units) -> PageSection:
     columns = [plan.coordinate_names.index(name) for name in plan.joint_names]
     panels = []
     for k, (name, column) in enumerate(zip(plan.joint_names, columns, strict=True)):
-        before = Curve(PLAIN, PHASE_COLOURS[0], plan.t, found.asked[:, k], dashed=True)
-        after = Curve(SHAPED, PHASE_COLOURS[1], plan.t, plan.q[:, column])
-        apart = Curve(
-            'difference', DIFFERENCE_COLOUR, plan.t, plan.q[:, column] - found.asked[:, k]
-        )
+        before = Curve(PLAIN, Ink.PHASES[0], plan.t, found.asked[:, k], dashed=True)
+        after = Curve(SHAPED, Ink.PHASES[1], plan.t, plan.q[:, column])
+        apart = Curve('difference', Ink.DIFFERENCE, plan.t, plan.q[:, column] - found.asked[:, k])
         panels += [
             Panel(name, units.position(name), [before, after]),
             Panel(f'{name}: planned − asked', units.position(name), [apart]),
@@ -322,7 +320,7 @@ def _joints(found: PlanComparison, units: Units) -> PageSection:
 def _torque(found: PlanComparison, units: Units) -> PageSection:
     plan = found.plan
     panels = [
-        Panel(name, units.effort(name), [Curve(SHAPED, PHASE_COLOURS[1], plan.t, column)])
+        Panel(name, units.effort(name), [Curve(SHAPED, Ink.PHASES[1], plan.t, column)])
         for name, column in zip(plan.joint_names, plan.torque.T, strict=True)
     ]
     figures = [line_figure(panels)]
@@ -355,10 +353,10 @@ def _torque(found: PlanComparison, units: Units) -> PageSection:
 def _binding(plan: Plan, use: LimitUse) -> list[Curve]:
     """Return the strip: the largest share in grey, and a colour for each limit where it binds."""
     largest = use.shares.max(axis=1)
-    curves = [Curve('largest share', DIFFERENCE_COLOUR, plan.t, largest)]
+    curves = [Curve('largest share', Ink.DIFFERENCE, plan.t, largest)]
     binds = np.array(use.binding())
     often = sorted({name for name in binds if name}, key=lambda name: -(binds == name).sum())
-    for name, colour in zip(often, PHASE_COLOURS, strict=False):
+    for name, colour in zip(often, Ink.PHASES, strict=False):
         curves.append(Curve(name, colour, plan.t, np.where(binds == name, largest, np.nan)))
     return curves
 

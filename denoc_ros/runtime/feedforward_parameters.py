@@ -7,15 +7,7 @@ import math
 from denoc_ros.control.feedback_settings import FeedbackSettings
 from denoc_ros.dynamics.feedforward import MODELS
 from denoc_ros.runtime.parameters import ParameterTable, SettingsParameters
-from denoc_ros.runtime.shared_parameters import (
-    AUTOSTART,
-    BASE,
-    EXTRA_JOINTS,
-    INPUTS,
-    LOOP,
-    RANGES,
-    ROBOT,
-)
+from denoc_ros.runtime.shared_parameters import EXTRA_JOINTS, MEASURING
 from denoc_ros.runtime.torque import STALE_ACTIONS
 from denoc_ros.settings import Kind, declared, parameter
 
@@ -33,12 +25,7 @@ FEEDBACK = SettingsParameters(
 
 TABLE = ParameterTable(
     [
-        AUTOSTART,
-        *ROBOT,
-        *LOOP,
-        *INPUTS,
-        *BASE,
-        *RANGES,
+        *MEASURING,
         parameter(
             'joints',
             Kind.STRINGS,

@@ -7,14 +7,12 @@ import math
 from denoc_ros.model.plant_description import LIMITS
 from denoc_ros.model.shapes import SHAPES
 from denoc_ros.runtime.parameters import ParameterTable
-from denoc_ros.runtime.shared_parameters import AUTOSTART, LOOP, PUBLISHERS, RANGES, ROBOT
+from denoc_ros.runtime.shared_parameters import LOOPING, PUBLISHERS, RANGES
 from denoc_ros.settings import Kind, parameter
 
 TABLE = ParameterTable(
     [
-        AUTOSTART,
-        *ROBOT,
-        *LOOP,
+        *LOOPING,
         *RANGES,
         parameter(
             'engine',

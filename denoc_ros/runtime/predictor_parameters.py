@@ -8,15 +8,7 @@ from denoc_ros.estimation.fusion import FusionSettings
 from denoc_ros.estimation.observer_settings import ObserverSettings
 from denoc_ros.estimation.tracker_settings import TrackerSettings
 from denoc_ros.runtime.parameters import ParameterTable, SettingsParameters
-from denoc_ros.runtime.shared_parameters import (
-    AUTOSTART,
-    BASE,
-    EXTRA_JOINTS,
-    INPUTS,
-    LOOP,
-    RANGES,
-    ROBOT,
-)
+from denoc_ros.runtime.shared_parameters import EXTRA_JOINTS, MEASURING
 from denoc_ros.settings import Kind, declared, parameter
 
 FUSION = SettingsParameters(
@@ -38,12 +30,7 @@ SOURCE = declared(ObserverSettings)['source']
 
 TABLE = ParameterTable(
     [
-        AUTOSTART,
-        *ROBOT,
-        *LOOP,
-        *INPUTS,
-        *BASE,
-        *RANGES,
+        *MEASURING,
         parameter(
             'joints',
             Kind.STRINGS,

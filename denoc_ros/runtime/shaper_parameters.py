@@ -9,7 +9,7 @@ from denoc_ros.control import impulses
 from denoc_ros.control.joint_plans import RestOptions
 from denoc_ros.control.limit_rows import JOINTS
 from denoc_ros.runtime.parameters import ParameterTable
-from denoc_ros.runtime.shared_parameters import AUTOSTART, LOOP, PUBLISHERS, RANGES, ROBOT
+from denoc_ros.runtime.shared_parameters import LOOPING, PUBLISHERS, RANGES
 from denoc_ros.settings import Kind, Parameter, Value, declared, parameter
 
 OF_STREAMS = impulses.METHODS
@@ -27,9 +27,7 @@ def _of_plans(name: str, default: Value, highest: float, when: str = '') -> Para
 
 TABLE = ParameterTable(
     [
-        AUTOSTART,
-        *ROBOT,
-        *LOOP,
+        *LOOPING,
         PUBLISHERS,
         *RANGES,
         parameter(

@@ -208,3 +208,6 @@ RANGES = (
         1.0,
     ),
 )
+# of every node with a robot and a loop, and of those that measure it
+LOOPING = (AUTOSTART, *ROBOT, *LOOP)
+MEASURING = (*LOOPING, *INPUTS, *BASE, *RANGES)

@@ -13,6 +13,7 @@ from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.rotations import left_jacobians, rotation_vectors, rotations
 from denoc_ros.errors import ConfigError, StateError
 from denoc_ros.model.mjcf import INERTIAL_TAGS, SEGMENTS, Mjcf, mjcf
+from denoc_ros.model.poses import pose_of
 from denoc_ros.model.segments import whole_beams
 from denoc_ros.model.source import parse_xml, read_source
 from denoc_ros.model.tree import Tree
@@ -198,8 +199,7 @@ class MujocoRobot:
         if self._floating is not None:
             before, behind = self._floating
             at = self.robot.base_indices
-            moved = np.eye(4)
-            moved[:3, :3], moved[:3, 3] = rotations(start[at[ATTITUDE]]), start[at[:3]]
+            moved = pose_of(start[at[:3]], rotations(start[at[ATTITUDE]]))
             pose = before @ moved @ behind
             places[self._base_place : self._base_place + 3] = pose[:3, 3]
             turned = places[self._base_place + 3 : self._base_place + 7]
@@ -302,10 +302,9 @@ class MujocoRobot:
     def _read_base(self, before: Array, behind: Array) -> None:
         """Write the coordinates of a floating base: position and rotation vector of its link."""
         data, place, degree = self.data, self._base_place, self._base_degree
-        body, at = np.eye(4), self.robot.base_indices
-        rotation = np.zeros(9)
+        at, rotation = self.robot.base_indices, np.zeros(9)
         self.mujoco.mju_quat2Mat(rotation, data.qpos[place + 3 : place + 7])
-        body[:3, :3], body[:3, 3] = rotation.reshape(3, 3), data.qpos[place : place + 3]
+        body = pose_of(data.qpos[place : place + 3], rotation.reshape(3, 3))
         link = body @ np.linalg.inv(behind)
         spin = body[:3, :3] @ data.qvel[degree + 3 : degree + 6]
         velocity = data.qvel[degree : degree + 3] + np.cross(spin, link[:3, 3] - body[:3, 3])

@@ -197,7 +197,7 @@ class _Reader(MappingReader):
             self._places = [list(joints).index(name) for name in given]
         for key in values:
             if key not in keys | {'kind', 'joints'}:
-                self.find(f'keys must be of {sorted(keys)}, got {key!r}')
+                self.fail('keys', f'be of {sorted(keys)}', key)
         for key in needed:
             if key not in values:
                 self.find(f'{key} must be given')
@@ -209,7 +209,7 @@ class _Reader(MappingReader):
             array = np.array(np.nan)
         if np.isfinite(array).all():
             return array
-        self.find(f'{key} must be finite numbers, got {value!r}')
+        self.fail(key, 'be finite numbers', value)
         return None
 
     def column(self, key: str, default: float, positive: bool = False) -> Array:
@@ -233,13 +233,13 @@ class _Reader(MappingReader):
             return None
         array = self._numbers(key, value)
         if array is not None and (array.shape != () or array <= 0.0):
-            self.find(f'{key} must be a number > 0 s, got {value!r}')
+            self.fail(key, 'be a number > 0 s', value)
         return None if array is None or array.shape != () else float(array)
 
     def form(self) -> str:
         form = self._values.get('form', 'full')
         if form not in ('full', 'half'):
-            self.find(f'form must be full or half, got {form!r}')
+            self.fail('form', 'be full or half', form)
         return str(form)
 
     def times(self) -> Array:

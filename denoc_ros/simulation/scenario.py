@@ -68,7 +68,7 @@ class ScenarioReader(MappingReader):
         value = self.values.get(key, default)
         if isinstance(value, (list, tuple)) and all(map(is_number, value)):
             return [float(entry) for entry in value]
-        self.find(f'{key} must be finite numbers, got {value!r}')
+        self.fail(key, 'be finite numbers', value)
         return default
 
     def positive(self, key: str, default: float | None) -> float:
@@ -78,7 +78,7 @@ class ScenarioReader(MappingReader):
             return 1.0
         if is_number(value) and value > 0.0:
             return float(value)
-        self.find(f'{key} must be a number > 0, got {value!r}')
+        self.fail(key, 'be a number > 0', value)
         return 1.0
 
     def overrides(self, whose: str) -> dict[str, float | list[float]]:
@@ -87,7 +87,7 @@ class ScenarioReader(MappingReader):
         for path, value in found.items():
             several = value if isinstance(value, list) and value else [value]
             if not all(map(is_number, several)):
-                self.find(f'{whose} {path} must be a finite number or some, got {value!r}')
+                self.fail(f'{whose} {path}', 'be a finite number or some', value)
         return found
 
     def named_numbers(
@@ -103,9 +103,9 @@ class ScenarioReader(MappingReader):
         found = {}
         for name, number in self.mapping(whose, value).items():
             if names is not None and name not in names:
-                self.find(f'{whose} must name some of {", ".join(names)}, got {name!r}')
+                self.fail(whose, f'name some of {", ".join(names)}', name)
             elif not is_number(number):
-                self.find(f'{whose} {name} must be a finite number, got {number!r}')
+                self.fail(f'{whose} {name}', 'be a finite number', number)
             else:
                 found[name] = number  # a number of modes stays whole
         return found
@@ -154,7 +154,7 @@ class ScenarioInputs:
         reader, robot = self._reader, self._robot
         kind = values.get('kind', 'zero')
         if kind not in TORQUE_KINDS:
-            reader.find(f"torque's kind must be one of {', '.join(TORQUE_KINDS)}, got {kind!r}")
+            reader.fail("torque's kind", f'be one of {", ".join(TORQUE_KINDS)}', kind)
         elif kind == 'step':
             reader.only('torque', values, ('kind', 'values'))
             height = reader.named_numbers('torque values', self._joints, values.get('values', {}))
@@ -177,9 +177,10 @@ class ScenarioInputs:
         reader, robot = self._reader, self._robot
         actuated = values.get('actuated')
         if not isinstance(actuated, list) or not set(actuated) <= set(self._joints):
-            reader.find(
-                f"torque's actuated must be some of {', '.join(self._joints)} where there are "
-                f'loops, got {actuated!r}'
+            reader.fail(
+                "torque's actuated",
+                f'be some of {", ".join(self._joints)} where there are loops',
+                actuated,
             )
             return
         reference = values.get('reference')
@@ -198,10 +199,10 @@ class ScenarioInputs:
         before = len(reader.findings)
         reader.only('circle', values, CIRCLE_KEYS)
         if values.get('frame') not in robot.tree.frames:
-            reader.find(f"circle's frame must be one of the robot's, got {values.get('frame')!r}")
+            reader.fail("circle's frame", "be one of the robot's", values.get('frame'))
         centre = values.get('centre')
         if not (isinstance(centre, list) and len(centre) == 3 and all(map(is_number, centre))):
-            reader.find(f"circle's centre must be three numbers [m], got {centre!r}")
+            reader.fail("circle's centre", 'be three numbers [m]', centre)
         numbers: dict[str, Any] = {
             'start': 0.0,
             'turns': 1.0,
@@ -210,9 +211,7 @@ class ScenarioInputs:
         numbers |= {key: values[key] for key in ('start', 'turns') if key in values}
         for key, value in numbers.items():
             if not is_number(value) or (key in CIRCLE_NEEDS and value <= 0.0):
-                reader.find(
-                    f"circle's {key} must be a number (radius, duration > 0), got {value!r}"
-                )
+                reader.fail(f"circle's {key}", 'be a number (radius, duration > 0)', value)
         guess = reader.named_numbers("circle's guess", self._joints, values.get('guess', {}))
         if len(reader.findings) > before:
             return None
@@ -224,15 +223,13 @@ class ScenarioInputs:
         """Return the torques as entries every so often, where the scenario says so."""
         every, between = values.get('every'), values.get('between', 'hold')
         if between not in TABLE_KINDS:
-            self._reader.find(
-                f"torque's between must be one of {', '.join(TABLE_KINDS)}, got {between!r}"
-            )
+            self._reader.fail("torque's between", f'be one of {", ".join(TABLE_KINDS)}', between)
         if every is None:
             if 'between' in values:
                 self._reader.find("torque's between must come with every, got no every")
             return torque
         if not (is_number(every) and every > 0.0):
-            self._reader.find(f"torque's every must be a number > 0 s, got {every!r}")
+            self._reader.fail("torque's every", 'be a number > 0 s', every)
             return torque
         return SampledTorque(torque, float(every), str(between))
 
@@ -240,9 +237,7 @@ class ScenarioInputs:
         for name, law in values.items():
             whose = f'prescribed {name}'
             if name not in self._joints:
-                self._reader.find(
-                    f'prescribed must name some of {", ".join(self._joints)}, got {name!r}'
-                )
+                self._reader.fail('prescribed', f'name some of {", ".join(self._joints)}', name)
             elif isinstance(law, Mapping) and law.get('kind') == 'spin_up':
                 self._read_spin_up(name, whose, law)
             else:
@@ -337,10 +332,10 @@ def model_settings(values: Mapping[str, Any], where: str) -> ModelSettings:
     reader = ScenarioReader(values)
     gravity = reader.numbers('gravity', [0.0, 0.0, -9.81])
     if len(gravity) != 3:
-        reader.find(f'gravity must be three numbers [m/s^2], got {values["gravity"]!r}')
+        reader.fail('gravity', 'be three numbers [m/s^2]', values['gravity'])
     stiffness = values.get('geometric_stiffness', True)
     if not isinstance(stiffness, bool):
-        reader.find(f'geometric_stiffness must be true or false, got {stiffness!r}')
+        reader.fail('geometric_stiffness', 'be true or false', stiffness)
     overrides = reader.overrides('model')
     described = reader.mapping('plant', values.get('plant'))
     reader.only('plant', described, PLANT_KEYS)
@@ -375,7 +370,7 @@ def scenario_from_config(values: Mapping[str, Any], robot: Robot, where: str) ->
     duration, rate = reader.positive('duration', None), reader.positive('output_rate', 100.0)
     rtol, method = reader.positive('rtol', 1e-8), values.get('method', 'DOP853')
     if method not in METHODS:
-        reader.find(f'method must be one of {", ".join(METHODS)}, got {method!r}')
+        reader.fail('method', f'be one of {", ".join(METHODS)}', method)
     base = _base(reader)
     start = _start(reader, robot, inputs)
     if 'duration' not in values:
@@ -408,9 +403,8 @@ def _base(reader: ScenarioReader) -> SwayingBase | None:
         numbers = {'phase': 0.0, **motion}
         bad = [key for key in ('amplitude', 'period', 'phase') if not is_number(numbers.get(key))]
         if bad or numbers['period'] <= 0.0:
-            reader.find(
-                f'base {name} must have numbers amplitude, period > 0 s and, if not 0, phase, '
-                f'got {given!r}'
+            reader.fail(
+                f'base {name}', 'have numbers amplitude, period > 0 s and, if not 0, phase', given
             )
             continue
         motions[name] = Harmonic(*(float(numbers[k]) for k in ('amplitude', 'period', 'phase')))
@@ -443,9 +437,7 @@ def _start(reader: ScenarioReader, robot: Robot, inputs: ScenarioInputs) -> tupl
     elif amplitudes == 'static':
         return robot.static_deflection(q[robot.joint_indices]), qd
     elif isinstance(amplitudes, str) and amplitudes != 'zero':
-        reader.find(
-            f'start amplitudes must be zero, static or numbers by name, got {amplitudes!r}'
-        )
+        reader.fail('start amplitudes', 'be zero, static or numbers by name', amplitudes)
     elif amplitudes != 'zero':
         names = list(robot.coordinate_names)
         known = [name for name in names if name not in index]

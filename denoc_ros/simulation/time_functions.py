@@ -11,7 +11,7 @@ import numpy as np
 from denoc_ros.dynamics.base_motion import BaseMotion
 from denoc_ros.dynamics.reacting_base import ReactingBase
 from denoc_ros.dynamics.robot import Robot
-from denoc_ros.model.poses import rotation_rpy
+from denoc_ros.model.poses import pose_of, rotation_rpy
 from denoc_ros.simulation.motion import Torque
 from denoc_ros.trajectories import Trajectory
 from denoc_ros.types import Array
@@ -53,10 +53,9 @@ class SwayingBase:
         place, rate, up = np.array([motion(t) for motion in self._motions]).T
         turn = rotation_rpy(place[3:])
         spin, grow = _turning(place[3:], rate[3:], up[3:])
-        pose = np.eye(4)
-        pose[:3, :3], pose[:3, 3] = turn, place[:3]
         twist = np.concatenate([rate[:3] @ turn, spin])
-        return BaseMotion(twist, np.concatenate([up[:3] @ turn, grow]), pose)
+        acceleration = np.concatenate([up[:3] @ turn, grow])
+        return BaseMotion(twist, acceleration, pose_of(place[:3], turn))
 
 
 def _turning(angles: Array, rates: Array, up: Array) -> tuple[Array, Array]:

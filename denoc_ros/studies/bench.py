@@ -12,6 +12,7 @@ import tempfile
 import time
 from collections.abc import Callable, Collection, Iterator
 from dataclasses import replace
+from functools import partial
 from importlib.metadata import version
 from itertools import chain
 from pathlib import Path
@@ -26,13 +27,7 @@ from denoc_ros.errors import DenocError
 from denoc_ros.studies.benchmarks import derivatives, growth, rigid
 from denoc_ros.studies.benchmarks.limits import Account, accounts
 from denoc_ros.studies.benchmarks.peers import flexible_chain, rigid_chain
-from denoc_ros.studies.benchmarks.results import (
-    AT_MOST,
-    BenchCheck,
-    BenchLine,
-    Reach,
-    relative_error,
-)
+from denoc_ros.studies.benchmarks.results import BenchCheck, BenchLine, Reach, relative_error
 from denoc_ros.studies.benchmarks.rigid import TOLERANCE
 from denoc_ros.studies.benchmarks.timing import FULL, QUICK, Spread, Times
 
@@ -66,7 +61,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run the verb and return the exit status; errors are raised."""
     groups = args.only or (GROUPS if not args.quick else [g for g in GROUPS if g != 'load'])
-    show = _silent if args.json else _print
+    # standard output is for JSON
+    show: Callable[[str], object] = str if args.json else partial(print, flush=True)
     show(_heading())
     lines, accounts = [], []
     for line in measured_lines(groups, args.quick):
@@ -144,14 +140,6 @@ def counted_operations(groups: Collection[str], quick: bool) -> Iterator[Account
     if 'operations' not in groups:
         return
     yield from accounts(QUICK if quick else FULL, quick)
-
-
-def _print(text: str) -> None:
-    print(text, flush=True)
-
-
-def _silent(_: str) -> None:
-    """Suppress progress: standard output is for JSON."""
 
 
 def _heading() -> str:
@@ -307,7 +295,7 @@ def _line(
 ) -> BenchLine:
     each = np.array(took)
     times = Times(float(np.median(each)), float(np.percentile(each, 99)), each)
-    limit = Reach(AT_MOST, reach)
+    limit = Reach(reach)
     return BenchLine('load', what, against, check, 's', Spread.of(each), limit, times, note=note)
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from lxml import etree
 
-from denoc_ros.cli.arguments import add_option
+from denoc_ros.cli.arguments import add_option, add_output
 from denoc_ros.cli.config import find_file
 from denoc_ros.model.findings import Element
 from denoc_ros.model.poses import number_text, rpy_of
@@ -29,7 +29,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         'YAML file with one system, or with several by name; one that is not here is '
         'looked for where the package is installed',
     )
-    parser.add_argument('-o', '--output', required=True, help='the URDF to write, a new file')
+    add_output(parser, '', 'the URDF to write, a new file', required=True)
     add_option(parser, '--system SYSTEM', 'name of the system, for a file with several')
     add_option(
         parser,
@@ -45,7 +45,7 @@ def run(args: argparse.Namespace) -> int:
     )
     text = urdf_text(system)
     tree = load_tree(text)
-    write_new(Path(args.output), text)
+    write_new(args.output, text)
     flexible = sum(body.beam is not None and body.segment == 1 for body in tree.bodies)
     print(f'{args.output}: {len(system.links)} links, {flexible} flexible')
     return 0

@@ -170,28 +170,22 @@ def _book_link(draw: Draw) -> Drawn:
     return [Truth(7.62, 0.198, 1.0, _phase(draw)), second], 1000.0, 2.0
 
 
-def _two_links(draw: Draw) -> Drawn:
-    """The tips of the book's sec. 8.4: 11.75 and 13.5 Hz."""
-    first = Truth(11.75, draw.uniform(0.005, 0.05), 1.0, _phase(draw))
-    second = Truth(13.5, draw.uniform(0.005, 0.05), draw.uniform(0.3, 1.0), _phase(draw))
-    return [first, second], 500.0, 5.0
-
-
 def _light(draw: Draw) -> Drawn:
     return [Truth(draw.uniform(2.0, 10.0), draw.uniform(0.001, 0.005), 1.0, _phase(draw))], 200, 20
 
 
-def _close_pair(draw: Draw) -> Drawn:
-    first = Truth(11.50, draw.uniform(0.001, 0.003), 1.0, _phase(draw))
-    second = Truth(11.62, draw.uniform(0.001, 0.003), draw.uniform(0.5, 1.0), _phase(draw))
-    return [first, second], 200.0, 20.0
+Mode = tuple[float, float, float]  # frequency [Hz], range of the damping ratio
 
 
-def _joint_and_tip(draw: Draw) -> Drawn:
-    """Joint and tip of the book's sec. 8.3: 1.1 and 20.5 Hz."""
-    first = Truth(1.1, draw.uniform(0.01, 0.05), 1.0, _phase(draw))
-    second = Truth(20.5, draw.uniform(0.005, 0.03), draw.uniform(0.1, 0.5), _phase(draw))
-    return [first, second], 200.0, 10.0
+def _pair(
+    one: Mode, other: Mode, amplitude: tuple[float, float], rate: float, duration: float
+) -> Callable[[Draw], Drawn]:
+    def drawn(draw: Draw) -> Drawn:
+        first = Truth(one[0], draw.uniform(*one[1:]), 1.0, _phase(draw))
+        zeta, size = draw.uniform(*other[1:]), draw.uniform(*amplitude)
+        return [first, Truth(other[0], zeta, size, _phase(draw))], rate, duration
+
+    return drawn
 
 
 def _four_modes(draw: Draw) -> Drawn:
@@ -207,10 +201,14 @@ def _four_modes(draw: Draw) -> Drawn:
 
 CASES: dict[str, Callable[[Draw], Drawn]] = {
     "the book's link": _book_link,
-    '11.75 and 13.5 Hz': _two_links,
+    # the tips of the book's sec. 8.4
+    '11.75 and 13.5 Hz': _pair((11.75, 0.005, 0.05), (13.5, 0.005, 0.05), (0.3, 1.0), 500.0, 5.0),
     'zeta 0.1 to 0.5 %': _light,
-    '11.50 and 11.62 Hz': _close_pair,
-    '1.1 and 20.5 Hz': _joint_and_tip,
+    '11.50 and 11.62 Hz': _pair(
+        (11.5, 0.001, 0.003), (11.62, 0.001, 0.003), (0.5, 1.0), 200.0, 20.0
+    ),
+    # joint and tip of its sec. 8.3
+    '1.1 and 20.5 Hz': _pair((1.1, 0.01, 0.05), (20.5, 0.005, 0.03), (0.1, 0.5), 200.0, 10.0),
     'four modes, 0.5 to 20 %': _four_modes,
 }
 

@@ -9,20 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from denoc_ros.cli.arguments import add_json, add_option, given_file
+from denoc_ros.cli.arguments import add_json, add_option, add_output, given_file
 from denoc_ros.cli.progress import share_bar
 from denoc_ros.cli.simulate import load
 from denoc_ros.cli.verb_result import VerbResult
 from denoc_ros.cli.verbs import DOUBTFUL
 from denoc_ros.output_files import write_text
-from denoc_ros.reports.figures import (
-    PHASE_COLOURS,
-    TRUTH_COLOUR,
-    Curve,
-    Figure,
-    Panel,
-    line_figure,
-)
+from denoc_ros.reports.figures import Curve, Figure, Ink, Panel, line_figure
 from denoc_ros.reports.pages import Card, PageSection, PageTable, ReportPage, Verdict, engineering
 from denoc_ros.reports.provenance import named_file, provenance
 from denoc_ros.simulation.scenario import Scenario
@@ -52,14 +45,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add_option(
         parser, 'scenario', 'a YAML file with torques, such as config/scenarios/stability_*.yaml'
     )
-    parser.add_argument(
-        '-o',
-        '--output',
-        metavar='FILE',
-        type=Path,
-        default=Path('stability.html'),
-        help='file of the page; default: stability.html here',
-    )
+    text = 'file of the page; default: stability.html here'
+    add_output(parser, 'FILE', text, default=Path('stability.html'))
     add_json(parser)
 
 
@@ -151,8 +138,8 @@ def _lines(summary: Mapping[str, Any]) -> Iterator[str]:
 Look = tuple[str, str, bool]  # label, colour, dashed
 
 LOOKS: Mapping[str, Look] = {
-    'recursion': ('recursion', PHASE_COLOURS[1], False),
-    'cholesky': ('Cholesky', PHASE_COLOURS[0], True),
+    'recursion': ('recursion', Ink.PHASES[1], False),
+    'cholesky': ('Cholesky', Ink.PHASES[0], True),
 }
 SMALLEST = 1e-17  # what a deviation of zero is drawn as
 
@@ -233,7 +220,7 @@ def _joint_panels(
     for k, (name, one) in enumerate(zip(study.joint_names, study.joint_units, strict=True)):
         curves = _curves(study, values, k)
         if truth is not None:
-            curves.insert(0, Curve('solution', TRUTH_COLOUR, study.solution.t, truth[:, k]))
+            curves.insert(0, Curve('solution', Ink.TRUTH, study.solution.t, truth[:, k]))
         panels.append(Panel(name, unit.format(one), curves, log_y=log))
     return line_figure(panels)
 
@@ -284,7 +271,7 @@ def _from_desired(study: Study) -> PageSection | None:
 
 
 def _power(study: Study) -> PageSection:
-    solution = Curve('solution', TRUTH_COLOUR, study.solution.t, study.power)
+    solution = Curve('solution', Ink.TRUTH, study.solution.t, study.power)
     panels = [
         Panel('power of the joints', 'W', [solution]),
         Panel('power difference', 'W', _curves(study, lambda one: one.power_difference)),

@@ -79,27 +79,15 @@ class Overlays:
             if body.joint is not None and body.joint.kind is not JointKind.FIXED
         ]
         loops = robot.tree.loops
+        parents = [loop.parent.frame for loop in loops]
+        children = [loop.child.frame for loop in loops]
         self._pins = (
-            []
-            if not loops
-            else [
-                _Pins(
-                    scene,
-                    'parents',
-                    [loop.parent.frame for loop in loops],
-                    PARENT_PIN,
-                    0.016 * size,
-                    0.45,
-                ),
-                _Pins(
-                    scene,
-                    'children',
-                    [loop.child.frame for loop in loops],
-                    CHILD_PIN,
-                    0.009 * size,
-                    1.0,
-                ),
+            [
+                _Pins(scene, 'parents', parents, PARENT_PIN, 0.016 * size, 0.45),
+                _Pins(scene, 'children', children, CHILD_PIN, 0.009 * size, 1.0),
             ]
+            if loops
+            else []
         )
 
     def draw_torques(self, moment: Snapshot, drawn: Array) -> None:

@@ -6,7 +6,10 @@ import argparse
 import importlib
 import inspect
 import json
+import sys
+from dataclasses import dataclass
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import pytest
@@ -14,11 +17,15 @@ import yaml
 from data_files import SERVO_SWING
 from page_look import require_one_look
 
-from denoc_ros.cli.identify_options import SHARED
+from denoc_ros.cli.identify_options import SHARED, action_of
 from denoc_ros.cli.main import main
-from denoc_ros.cli.verbs import ACTION_MODULES, ACTIONS
+from denoc_ros.cli.verbs import ACTIONS, ActionRow
+from denoc_ros.identification.channel import Channel, read_record
 from denoc_ros.identification.records import Record
+from denoc_ros.identification.result import source_of
+from denoc_ros.output_files import Document
 from denoc_ros.reports.identify_result import interval_text
+from denoc_ros.settings import positive
 from denoc_ros.studies.selftest import Defects, Truth, synthetic_decay
 
 MODES = (Truth(1.1, 0.01, 1.0, 0.3), Truth(20.5, 0.004, 0.3, 1.0))
@@ -234,16 +241,12 @@ def test_applied_damping_is_what_rang(
     assert 'result must be readable' in capsys.readouterr().err
 
 
-def test_table_and_modules_name_the_same_actions() -> None:
-    assert list(ACTION_MODULES) == list(ACTIONS)
-    modules = {name: f'denoc_ros.{module}' for name, module in ACTION_MODULES.items()}
-    declared = [
-        (action.name, module, action)
-        for module in dict.fromkeys(modules.values())
-        for action in importlib.import_module(module).DECLARED
-    ]
-    assert {name: module for name, module, _ in declared} == modules
-    for _, _, action in declared:
+def test_options_of_actions_are_the_arguments_of_their_computations() -> None:
+    for name, row in ACTIONS.items():
+        action = action_of(name)
+        assert action.name == name
+        declared = getattr(importlib.import_module(f'denoc_ros.{row.module}'), 'DECLARED', ())
+        assert {one.name for one in declared} <= ACTIONS.keys()
         parser = argparse.ArgumentParser()
         action.add_options(parser)
         options = {each.dest for each in parser._actions} | {'command'}
@@ -251,3 +254,57 @@ def test_table_and_modules_name_the_same_actions() -> None:
             *SHARED,
             *action.settings,
         }
+
+
+@dataclass(frozen=True)
+class LevelOptions:
+    above: float = positive(1.0, 'level that is counted above', 'm/s^2')
+
+
+def identify_level(path: Path, channel: Channel, options: LevelOptions) -> tuple[Document]:
+    """Count how many samples are above a level.
+
+    Returns
+    -------
+    tuple
+        The count.
+    """
+    reading = read_record(path, channel)
+    document = {
+        'kind': 'level',
+        'source': source_of(reading),
+        'samples_above': int(np.count_nonzero(reading.record.y > options.above)),
+        'method': 'counted',
+        'verdict': 'doubtful',
+        'reasons': ['a count is no mode'],
+    }
+    return (document,)
+
+
+def test_an_action_is_its_computation_and_a_row(
+    decay: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    module = ModuleType('denoc_ros.identification.level')
+    module.identify_level = identify_level  # type: ignore[attr-defined]
+    monkeypatch.setitem(sys.modules, module.__name__, module)
+    monkeypatch.setitem(ACTIONS, 'level', ActionRow('count samples', 'identification.level'))
+    asked = ['identify', 'level', decay, '--above', '0.5']
+    assert main([*asked, '-o', str(tmp_path)]) == 2
+    above = yaml.safe_load((tmp_path / 'result.yaml').read_text())['samples_above']
+    assert above == np.count_nonzero(np.loadtxt(decay, delimiter=',', skiprows=1)[:, 1] > 0.5)
+    said = capsys.readouterr().out
+    assert f'samples above  {above}' in said
+    assert 'verdict: doubtful' in said
+    assert 'a count is no mode' in said
+    page = (tmp_path / 'report.html').read_text()
+    assert 'samples above' in page
+    assert 'a count is no mode' in page
+    assert main(['identify', 'level', decay, '--above', '0']) == 1
+    assert '--above must be > 0 m/s^2, got 0' in capsys.readouterr().err
+    assert main(['identify', 'level', '--help']) == 0
+    said = capsys.readouterr().out
+    assert 'Count how many samples are above a level.' in said
+    assert '--above M/S2' in said

@@ -13,13 +13,7 @@ from page_look import VISIBLE, contrast
 from playwright.sync_api import Browser
 from playwright.sync_api import Page as Tab
 
-from denoc_ros.reports.figures import (
-    PHASE_COLOURS,
-    Curve,
-    Panel,
-    histogram_figure,
-    line_figure,
-)
+from denoc_ros.reports.figures import Curve, Ink, Panel, histogram_figure, line_figure
 from denoc_ros.reports.loop_timing import LoopMeasure
 from denoc_ros.reports.pages import Card, PageSection, PageTable, ReportPage, Verdict
 
@@ -68,9 +62,7 @@ COLOUR = """([selector, what]) => {
 def page(tmp_path_factory: pytest.TempPathFactory) -> str:
     t = np.linspace(0.0, 17.5, 400)
     panels = [
-        Panel(
-            f'panel {k} of {LONG}', 'rad', [Curve('curve', PHASE_COLOURS[0], t, scale * np.sin(t))]
-        )
+        Panel(f'panel {k} of {LONG}', 'rad', [Curve('curve', Ink.PHASES[0], t, scale * np.sin(t))])
         for k, scale in enumerate((1e-7, 12345.6, 0.3))
     ]
     head = ('name', *(f'column {k}' for k in range(8)))

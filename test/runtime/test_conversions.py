@@ -23,7 +23,7 @@ from denoc_ros.model import tree as sensor_types
 from denoc_ros.nodes.messages import (
     CommandMessage,
     FloatMessage,
-    ImuMessage,
+    InertialMessage,
     PoseMessage,
     TrajectoryPointMessage,
 )
@@ -144,7 +144,7 @@ def test_sensor_of_a_new_type_takes_its_part_of_a_message(monkeypatch: pytest.Mo
         ARM.replace('<sensor', '<sensor name="g" type="gyroscope" link="tool"/><sensor', 1)
     )
     (sensor,) = robot.tree.inertial_sensors
-    message = ImuMessage('g', 0.0, 0.0)
+    message = InertialMessage('sensor_msgs/msg/Imu', 'g', {})
     message.write(np.arange(6.0))
     member = Member(sensor, 0)
     assert member.types == ('sensor_msgs/msg/Imu',)

@@ -23,6 +23,7 @@ from denoc_ros.identification.model.excited_channels import (
     PrescribedRobot,
     RestSeries,
     channel_noise,
+    waves,
 )
 from denoc_ros.identification.model.free_parameters import PRIOR, FreeParameters
 from denoc_ros.identification.model.information import (
@@ -239,15 +240,10 @@ class Excitation:
     def rows(self, times: ArrayLike) -> MotionRows:
         """Return the motion of the joints at times (k,) [s]; it rests outside of its duration."""
         t = np.atleast_1d(np.asarray(times, dtype=np.float64))
-        order = np.arange(1, len(self.sines) + 1)
-        rate = 2.0 * np.pi / self.duration * order
-        angle = np.outer(np.clip(t, 0.0, self.duration), rate)
-        sine, cosine = np.sin(angle), np.cos(angle)
-        q = self.start + sine @ self.sines + (cosine - 1.0) @ self.cosines
-        qd = cosine @ (rate[:, None] * self.sines) - sine @ (rate[:, None] * self.cosines)
-        square = rate[:, None] ** 2
-        qdd = -sine @ (square * self.sines) - cosine @ (square * self.cosines)
-        return MotionRows(t, q, qd, qdd)
+        inside, harmonics = np.clip(t, 0.0, self.duration), len(self.sines)
+        both = np.vstack([self.sines, self.cosines])
+        q, qd, qdd = (waves(inside, self.duration, harmonics, k) @ both for k in range(3))
+        return MotionRows(t, self.start + q, qd, qdd)
 
 
 def design_excitation(

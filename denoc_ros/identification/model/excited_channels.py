@@ -36,6 +36,14 @@ class MotionRows:
     qdd: Array
 
 
+def waves(times: Array, duration: float, harmonics: int, derivative: int = 0) -> Array:
+    """Return sin(j w t) and cos(j w t) - 1, w = 2 pi / duration: (k times, 2 harmonics)."""
+    rate = 2.0 * np.pi / duration * np.arange(1.0, harmonics + 1)
+    angle = np.outer(times, rate) + 0.5 * np.pi * derivative
+    both = [np.sin(angle), np.cos(angle) - (derivative == 0)]
+    return np.hstack(both) * np.tile(rate**derivative, 2)
+
+
 class RestSeries:
     """Sums of s_k sin(k w t) + c_k (cos(k w t) - 1), w = 2 pi / duration, at rest at both ends.
 
@@ -62,9 +70,7 @@ class RestSeries:
     def __init__(self, duration: float, harmonics: int) -> None:
         self.duration = float(duration)
         self.harmonics = int(harmonics)
-        self._order = np.arange(1, harmonics + 1, dtype=np.float64)
-        self._omega = 2.0 * np.pi / self.duration
-        k = self._order
+        k = np.arange(1, harmonics + 1, dtype=np.float64)
         sines = scipy.linalg.null_space(np.array([k, k**3 / harmonics**2]))
         cosines = scipy.linalg.null_space(k[None, :] ** 2)
         self._basis = scipy.linalg.block_diag(sines, cosines)
@@ -74,18 +80,13 @@ class RestSeries:
 
     def design(self, times: Array, derivative: int = 0) -> Array:
         """Basis functions of the free coefficients at times (k,) in [0, duration]: (k, free)."""
-        angle = np.outer(times, self._order * self._omega)
-        power = (self._order * self._omega) ** derivative
-        turn = 0.5 * np.pi * derivative
-        cosine = np.cos(angle + turn) - (1.0 if derivative == 0 else 0.0)
-        waves = np.hstack([power * np.sin(angle + turn), power * cosine])
-        columns: Array = waves @ self._basis
+        columns: Array = waves(times, self.duration, self.harmonics, derivative) @ self._basis
         return columns
 
     def coefficients(self, free: Array) -> tuple[Array, Array]:
         """Return s_k and c_k (harmonics, joints) of free coefficients (free, joints)."""
         both = self._basis @ free
-        return both[: len(self._order)], both[len(self._order) :]
+        return both[: self.harmonics], both[self.harmonics :]
 
     def rows(self, free: Array, start: Array, times: Array) -> MotionRows:
         """Return the motion of free coefficients (free, joints) about a start (joints,)."""

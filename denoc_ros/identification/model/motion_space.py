@@ -66,12 +66,10 @@ class MotionSpace:
         self.size = series.free * len(start)
         names = along.every_joint
         own = [names.index(joint) for joint in along.joints]
-        joints, zero = limits.joints, np.zeros(len(names))
-        half = 0.5 * (joints.upper - joints.lower)
+        joints, half = limits.joints, limits.joints.room
         bounded = np.isfinite(half)
-        self._middle = np.where(bounded, np.where(bounded, joints.upper, 0.0) - half, zero)
         every = along.every(MotionRows(np.zeros(1), start[None], *np.zeros((2, 1, len(start)))))
-        self._middle = np.where(bounded, self._middle, every.q[0])
+        self._middle = np.where(bounded, joints.middle, every.q[0])
         self._half = np.where(bounded, half, TURN)
         room = np.maximum(self._half[own] - np.abs(start - self._middle[own]), 0.1 * TURN)
         fastest = 2.0 * np.pi / series.duration * room

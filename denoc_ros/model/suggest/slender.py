@@ -19,6 +19,7 @@ from denoc_ros.model.cross_sections import (
     tube_section,
 )
 from denoc_ros.model.inertia import pseudo_inertia
+from denoc_ros.model.poses import pose_of
 from denoc_ros.model.suggest.materials import Material
 from denoc_ros.model.suggest.outline import Outline
 from denoc_ros.model.tree import RigidInertia
@@ -78,10 +79,8 @@ def beam_line(body: RigidInertia, end: Array, across: Iterable[Array]) -> BeamLi
     length = float(f'{end @ direction:.6g}')
     if length <= 0.0:
         return None
-    frame = np.eye(4)
-    frame[:3, :3] = _turned(direction, across)
-    frame[:3, 3] = np.round(through - (through @ direction) * direction, 9)
-    return BeamLine(frame, length)
+    root = np.round(through - (through @ direction) * direction, 9)
+    return BeamLine(pose_of(root, _turned(direction, across)), length)
 
 
 def _turned(x: Array, across: Iterable[Array]) -> Array:

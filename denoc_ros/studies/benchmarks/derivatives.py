@@ -10,7 +10,7 @@ import numpy as np
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.studies.benchmarks.growth import Made, slope_lines
 from denoc_ros.studies.benchmarks.peers import Pinocchio, flexible_chain, rigid_chain
-from denoc_ros.studies.benchmarks.results import AT_MOST, BenchCheck, BenchLine, Reach
+from denoc_ros.studies.benchmarks.results import BenchCheck, BenchLine, Reach
 from denoc_ros.studies.benchmarks.rigid import (
     SIZES,
     State,
@@ -95,12 +95,12 @@ def _ssrms_lines(file: Path, effort: Effort) -> Iterator[BenchLine]:
         asked = ratio(both[1], both[0]).value
         yield BenchLine(
             'derivatives', name, 'the function itself', each, value=ratio(ours, function),
-            reach=Reach(AT_MOST, limit), ours=ours, peer=function,
+            reach=Reach(limit), ours=ours, peer=function,
             note=f'Pinocchio, rigid n = {robot.n}: {asked:.2f} times its function',
         )  # fmt: skip
     yield BenchLine(
         'derivatives', names[1], f'pin.computeABADerivatives, rigid n = {robot.n}', checks[1],
-        value=ratio(own[1], peers[3]), reach=Reach(AT_MOST, REACH_SSRMS_PEER), ours=own[1],
+        value=ratio(own[1], peers[3]), reach=Reach(REACH_SSRMS_PEER), ours=own[1],
         peer=peers[3],
     )  # fmt: skip
 

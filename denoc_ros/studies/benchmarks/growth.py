@@ -10,14 +10,7 @@ import numpy as np
 
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.studies.benchmarks.peers import Dense, flexible_chain, rigid_chain
-from denoc_ros.studies.benchmarks.results import (
-    AT_LEAST,
-    AT_MOST,
-    BenchCheck,
-    BenchLine,
-    Reach,
-    compared,
-)
+from denoc_ros.studies.benchmarks.results import BenchCheck, BenchLine, Reach, compared
 from denoc_ros.studies.benchmarks.rigid import (
     TOLERANCE,
     State,
@@ -73,7 +66,7 @@ def slope_lines(
         times = compare(subjects, effort)
         each = ', '.join(f'{n}: {1e6 * t.median:.1f}' for n, t in zip(sizes, times, strict=True))
         value, note = slope(sizes, times), f'us at n links: {each}'
-        limit = Reach(AT_MOST, reach)
+        limit = Reach(reach)
         yield replace(line, value=value, reach=limit, ours=times[-1], note=note)
 
 
@@ -154,7 +147,7 @@ def _factors(
     each = ', '.join(f'{n}: {f.value:.2f}' for n, f in zip(sizes, factors, strict=True))
     yield BenchLine(
         'dense', f'{what}, {sizes[-1]} links', 'dense Cholesky', checked, 'ratio', factors[-1],
-        None if reach is None else Reach(AT_LEAST, reach), recursion, cholesky,
+        None if reach is None else Reach(reach, '>='), recursion, cholesky,
         note=f'factor at n links: {each}',
     )  # fmt: skip
     point = [crossing(sizes, [getattr(f, part) for f in factors]) for part in ('high', 'low')]

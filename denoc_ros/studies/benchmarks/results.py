@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,20 +12,17 @@ from numpy.typing import ArrayLike, NDArray
 from denoc_ros.output_files import plain
 from denoc_ros.studies.benchmarks.timing import Effort, Spread, Subject, Times, compare, ratio
 
-AT_MOST = '<='
-AT_LEAST = '>='
-
 
 @dataclass(frozen=True)
 class Reach:
     """Bound on a line's value."""
 
-    sense: str  # AT_MOST or AT_LEAST
     value: float
+    sense: Literal['<=', '>='] = '<='
 
     def met(self, value: float) -> bool:
         """Say whether a value is within reach."""
-        return value <= self.value if self.sense == AT_MOST else value >= self.value
+        return value <= self.value if self.sense == '<=' else value >= self.value
 
 
 @dataclass(frozen=True)
@@ -76,7 +73,7 @@ class BenchLine:
             'check': {**asdict(self.check), 'good': self.check.good},
             'unit': self.unit,
             'value': self.value and plain(asdict(self.value)),
-            'reach': None if self.reach is None else asdict(self.reach),
+            'reach': self.reach and {'sense': self.reach.sense, 'value': self.reach.value},
             'verdict': self.verdict,
             'note': self.note,
         }
@@ -98,7 +95,7 @@ def compared(
     if not line.check.good:
         return line
     ours, peer = compare(subjects, effort)
-    reach = None if most is None else Reach(AT_MOST, most)
+    reach = None if most is None else Reach(most)
     return replace(line, value=ratio(ours, peer), reach=reach, ours=ours, peer=peer)
 
 

@@ -16,8 +16,6 @@ from denoc_ros.dynamics.batch import cores
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.studies.benchmarks.peers import Dense, Pinocchio, rigid_chain
 from denoc_ros.studies.benchmarks.results import (
-    AT_LEAST,
-    AT_MOST,
     BenchCheck,
     BenchLine,
     Reach,
@@ -100,7 +98,7 @@ def beside(
         return
     ours, unchecked, peer = compare(subjects, effort)
     for name, times, limit in (
-        (what, ours, Reach(AT_MOST, reach)),
+        (what, ours, Reach(reach)),
         (f'{what}, check=False', unchecked, None),
     ):
         yield BenchLine(
@@ -324,7 +322,7 @@ def batch_lines(effort: Effort, quick: bool) -> Iterator[BenchLine]:
         ours, theirs = compare((Subject(threads(1), [()]), Subject(loop, [()])), effort)
         yield BenchLine(
             'batch', f'{what}, one thread', against, one, value=ratio(ours, theirs),
-            reach=Reach(AT_MOST, REACH_ONE_THREAD),
+            reach=Reach(REACH_ONE_THREAD),
             ours=ours.scaled(1 / rows), peer=theirs.scaled(1 / rows),
         )  # fmt: skip
     else:
@@ -339,7 +337,7 @@ def batch_lines(effort: Effort, quick: bool) -> Iterator[BenchLine]:
     pair, single = compare((Subject(threads(2), [()]), Subject(threads(1), [()])), effort)
     yield BenchLine(
         'batch', what, 'one thread', two, value=ratio(single, pair),
-        reach=Reach(AT_LEAST, REACH_TWO_THREADS),
+        reach=Reach(REACH_TWO_THREADS, '>='),
         ours=pair.scaled(1 / rows), peer=single.scaled(1 / rows),
         note='holds only where two processors are free',
     )  # fmt: skip
