@@ -143,7 +143,7 @@ def take_numbers(record, message):
     return SECOND * seconds + np.int64(pointer(start + STAMP + 4, np.uint32)[0])
 
 
-@kernel(types.int64(types.int64, types.int64))
+@kernel(types.void(types.int64, types.int64))
 def put_numbers(record, stamp_ns):
     """Copy numbers into little-endian messages, and write a stamp [ns] into their headers.
 
@@ -155,11 +155,6 @@ def put_numbers(record, stamp_ns):
         Address of OUTGOING integers: COPIES and the addresses of SOURCES and TARGETS (so many
         addresses of doubles each), MESSAGES and the address of STAMPED (so many addresses of
         messages), MOST_SECONDS.
-
-    Returns
-    -------
-    int
-        How many numbers were copied.
     """
     known = span(record, OUTGOING, np.int64)
     copies, messages = known[COPIES], known[MESSAGES]
@@ -174,4 +169,3 @@ def put_numbers(record, stamp_ns):
     for k in range(messages):
         pointer(stamped[k] + STAMP, np.int32)[0] = np.int32(seconds)
         pointer(stamped[k] + STAMP + 4, np.uint32)[0] = np.uint32(rest)
-    return copies

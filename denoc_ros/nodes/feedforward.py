@@ -222,8 +222,7 @@ class FeedforwardNode(RobotNode):
     def _on_joint_state(self, raw: bytes, now: float) -> None:
         reader = self._reader
         reader.read(raw, partial(self.joint_input.accept, now=now))
-        if self.feedback.state.wanted:
-            self.feedback.take_joints(reader, now)
+        self.feedback.take_joints(reader, now)
         if self.phase is not None:
             wall = 1e-9 * self.stamp_ns_at(now)
             self.phase.take(self._joint_clock.taken_at(1e-9 * reader.stamp_ns, now, wall))

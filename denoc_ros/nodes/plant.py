@@ -283,7 +283,6 @@ class PlantNode(RobotNode):
         noisy = settings.flag('noise.sensors')
         self.sensors = SensorOutputs(self, robot, noisy, self._generator)
         self.inertial_sensors = InertialOutputs(self, robot, noisy, self._generator)
-        self._has_sensors = bool(self.sensors or self.inertial_sensors)
 
     def connect(self) -> None:
         """Subscribe."""
@@ -468,8 +467,6 @@ class PlantNode(RobotNode):
             self._noise *= deviation
             values += self._noise
         self._send_state(state.bytes())
-        if not self._has_sensors:
-            return
         if self.sensors:
             self.sensors.send(stamp_ns, simulated.sensor_values())
         if self.inertial_sensors:

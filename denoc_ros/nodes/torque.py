@@ -98,9 +98,10 @@ class TorqueFeedback:
 
     def take_joints(self, reader: JointStateReader, now: float) -> None:
         """Take the joint states that have arrived at a time of the steady clock [s]."""
-        velocity = reader.velocity if reader.has_velocity else None
-        wall = 1e-9 * self._node.stamp_ns_at(now)
-        self.state.take_joints(1e-9 * reader.stamp_ns, now, wall, reader.position, velocity)
+        if self.state.wanted:
+            velocity = reader.velocity if reader.has_velocity else None
+            wall = 1e-9 * self._node.stamp_ns_at(now)
+            self.state.take_joints(1e-9 * reader.stamp_ns, now, wall, reader.position, velocity)
 
     @property
     def busy(self) -> bool:

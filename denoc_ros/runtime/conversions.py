@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 from denoc_ros.bags.cdr import CdrReader, aligned
 from denoc_ros.bags.joint_state import FIELDS, JointStateLayout, read_names
 from denoc_ros.errors import ConfigError
-from denoc_ros.kernels.message_values import OTHER
+from denoc_ros.kernels.compiled import ready
+from denoc_ros.kernels.message_values import OTHER, take_numbers
 from denoc_ros.model.poses import rotation_rpy
 from denoc_ros.runtime.input_monitor import MOST_JOINTS, InputError
 from denoc_ros.runtime.message_numbers import NumberTaker
@@ -112,6 +113,7 @@ class JointStateReader:
         # within which any number is
         self._unbounded = np.outer((-np.inf, np.inf, -np.inf, np.inf), np.ones(n))
         self._taker: NumberTaker | None = None
+        ready(take_numbers)  # not by the first message, in a loop
 
     def read(
         self, raw: bytes, admit: Callable[[int], None] | None = None, with_effort: bool = False
@@ -261,6 +263,7 @@ class CommandReader:
         # of the last message: what stands before its numbers, their type and place, its length
         self._known, self._kind, self._start, self._length = b'', '<f8', 0, 0
         self._taker: NumberTaker | None = None
+        ready(take_numbers)  # not by the first message, in a loop
         self._bounds = LARGEST_EFFORT * np.outer((-1.0, 1.0, -1.0, 1.0), np.ones(len(joints)))
 
     def read(self, raw: bytes) -> None:

@@ -377,9 +377,10 @@ class LiveTorque:
 
     def update(self, q: Array, qd: Array, qdd: Array, elapsed: float) -> Array | None:
         """Return the torque (n,) of a motion, None while the model fails; as the source's."""
-        backoff, begin = self._backoff, time.perf_counter()
-        if backoff is not None and not backoff.due(begin):
+        backoff, now = self._backoff, time.perf_counter()
+        if backoff is not None and not backoff.due(now):
             return None
+        begin = time.thread_time()
         try:
             return self.source.update(q, qd, qdd, elapsed)
         except UnsettledError:  # the next update goes on with it
@@ -388,7 +389,7 @@ class LiveTorque:
             self.failures += 1
             self.source.reset()
             if backoff is not None:
-                backoff.failed(begin, time.perf_counter() - begin)
+                backoff.failed(now, time.thread_time() - begin)
             return None
 
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -91,6 +93,18 @@ def test_a_message_of_known_layout_is_taken_or_refused_as_step_by_step(
         reader.read(at_rest)
         found.append(reading(reader, bytes(raw), stepwise, with_effort))
     assert found[0] == found[1]
+
+
+@pytest.mark.parametrize('reader', ['JointStateReader', 'CommandReader'])
+def test_what_a_first_message_needs_is_loaded_with_its_reader(reader: str) -> None:
+    source = f"""
+from denoc_ros.kernels.message_values import take_numbers
+from denoc_ros.runtime.conversions import {reader}
+assert not take_numbers.overloads
+{reader}(['a'])
+assert take_numbers.overloads
+"""
+    subprocess.run([sys.executable, '-c', source], check=True, timeout=300)
 
 
 @settings(max_examples=50, deadline=None)
