@@ -9,6 +9,8 @@ from collections.abc import Callable
 import numpy as np
 
 from denoc_ros.control.braking import brake
+from denoc_ros.kernels.compiled import ready
+from denoc_ros.kernels.spline import sample_quintics
 from denoc_ros.runtime.input_monitor import InputError
 from denoc_ros.runtime.motion_bounds import MotionBounds
 from denoc_ros.runtime.trajectory_messages import TrajectoryMessage
@@ -98,6 +100,7 @@ class ReferenceFollower:
         self._point: tuple[Array, Array, Array] | None = None
         self._point_time = -math.inf
         self._horizon = 0.0
+        ready(sample_quintics)  # not by the first reference, in a loop
 
     @property
     def given(self) -> bool:

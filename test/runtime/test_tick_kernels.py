@@ -95,14 +95,23 @@ def test_a_message_of_known_layout_is_taken_or_refused_as_step_by_step(
     assert found[0] == found[1]
 
 
-@pytest.mark.parametrize('reader', ['JointStateReader', 'CommandReader'])
-def test_what_a_first_message_needs_is_loaded_with_its_reader(reader: str) -> None:
+@pytest.mark.parametrize(
+    ('module', 'kernel', 'taker'),
+    [
+        ('message_values', 'take_numbers', "conversions.JointStateReader(['a'])"),
+        ('message_values', 'take_numbers', "conversions.CommandReader(['a'])"),
+        ('spline', 'sample_quintics', 'reference.ReferenceFollower(1, 0.1)'),
+    ],
+)
+def test_what_a_first_message_needs_is_loaded_before_it(
+    module: str, kernel: str, taker: str
+) -> None:
     source = f"""
-from denoc_ros.kernels.message_values import take_numbers
-from denoc_ros.runtime.conversions import {reader}
-assert not take_numbers.overloads
-{reader}(['a'])
-assert take_numbers.overloads
+from denoc_ros.kernels.{module} import {kernel}
+from denoc_ros.runtime import conversions, reference
+assert not {kernel}.overloads
+{taker}
+assert {kernel}.overloads
 """
     subprocess.run([sys.executable, '-c', source], check=True, timeout=300)
 
