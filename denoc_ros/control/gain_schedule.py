@@ -75,7 +75,7 @@ HALVINGS = 5  # of the joints' bandwidth
 NEUTRAL = 1e-9  # what rounding makes of a modulus of 1
 # the estimate that learns: factors of the noise of sensors on beams and of the least forces, and
 # share of the model's error that is left where stiffness and load are estimated
-FINE, FINE_LEAST, KNOWN_FINE = 1.5, 0.2, 0.012
+FINE, FINE_LEAST, KNOWN_FINE = 1.5, 0.3, 0.01
 TRUST = 0.3  # without modes beyond the design's: the filter allows for more than is true
 TRIED = 3  # postures at which robots with other modes are tried, at most
 PARTS = (1.0, 0.5)  # of the feedback: it comes in and goes

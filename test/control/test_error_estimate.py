@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicHermiteSpline
 
-from denoc_ros.control.model_errors import terms
+from denoc_ros.control.feedback_design import terms
 from denoc_ros.kernels.compiled import entry
 from denoc_ros.kernels.deviation_filter import estimates_ahead, learn_errors, plan_changes
 from denoc_ros.types import Array
