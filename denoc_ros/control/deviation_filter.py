@@ -287,7 +287,7 @@ class DeviationFilter:
             self._watch(at[good[at] & (errors is None or errors.heard[at])], gains)
             return
         if errors is not None and not self.blind:
-            faulty = np.count_nonzero(errors.faulty)
+            faulty = int(np.count_nonzero(errors.faulty))
             self._mistook = faulty > 1 or (self._mistook and faulty > 0)
             learns = self.believed or (faulty == 1 and not self._mistook)
             time = self.time if learns and not errors.suspected else None
