@@ -54,11 +54,11 @@ KEPT, APART = 3, 0.1  # estimates of the past that are kept, and the time betwee
 RECENT = 0.15  # s of innovations in which a sensor that contradicts the others shows
 EVERY = 0.004  # s between such tests
 DECIDES = 0.03  # s from when sensors contradict each other until one is found to be faulty
-# chi-squared of an offset of one sensor's values: beyond it sensors contradict each other (healthy
-# ones had at most 3 with beams of other shapes, stiffness and load), the sensor is faulty; within
-# it a faulty one agrees again
-SUSPECTED, FAULTY, AGREES = 8.0, 40.0, 9.0
-CLEAR = 18.0  # chi-squared by which it is more likely to be faulty than any other
+# chi-squared of an offset of one sensor's values: beyond it sensors contradict each other, the
+# sensor is faulty; within it a faulty one agrees again. A healthy one had more than 40 in the demo
+# while errors were learned: innovations count as small noise, and are not only that
+SUSPECTED, FAULTY, AGREES = 32.0, 160.0, 36.0
+CLEAR = 72.0  # chi-squared by which it is more likely to be faulty than any other
 CLIP = 4.0  # standard deviations by which one value counts, and more if that before it did
 SCALE = 0.1  # error of a sensor's scale that must have shown until it is heard again
 # s over which deviations are averaged that show errors by what the robot makes of them: their
