@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
 
-from denoc_ros.control.deviation_model import PlannedState
-from denoc_ros.control.feedback_design import PostureGains, terms
+from denoc_ros.control.feedback_design import PostureGains
 from denoc_ros.control.grid import differences
 from denoc_ros.control.planned_states import PlannedMotion
 from denoc_ros.control.residual_modes import MORE, is_hardened
@@ -33,16 +33,13 @@ REACH = 0.2  # errors at which plans of other robots are made
 AFTER = 2.0  # s after the end of the motion that such a plan may use
 PAIRED = 5  # errors of which all pairs are tried; of more each alone
 LIKELY = 0.2  # standard deviation of an error before anything is measured
-LIKELY_LAST = 0.15  # of that of the last modes, which is rare
+LIKELY_LAST = 0.1  # of that of the last modes, which is rare
 # how much likelier than errors of that size none is, before anything is measured; and than the
 # rare one
 NONE, RARELY = 3.0, 10.0
-UNSURE = 0.01  # standard deviation of what other modes of beams show as the rare error
+UNSURE = 0.03  # standard deviation of what other modes of beams show as the rare error
 # of the last modes' compliance, by a unit error: they turn a beam by a seventh, under a moment
 LAST_MODES = 4.0
-# of the same in the model of deviations, whose polynomial follows no stiffness that is five times
-# itself; modes as fast as these hardly move by themselves
-LAST_MOVING = 2.6
 LARGEST = 0.4  # error that is believed
 GATE = 4.0  # of the innovations' spread: beyond it something else was at work
 # where sensors are checked, an offset is found otherwise, and ten channels pass 4 too often
@@ -54,11 +51,11 @@ KEPT, APART = 3, 0.1  # estimates of the past that are kept, and the time betwee
 RECENT = 0.15  # s of innovations in which a sensor that contradicts the others shows
 EVERY = 0.004  # s between such tests
 DECIDES = 0.03  # s from when sensors contradict each other until one is found to be faulty
-# chi-squared of an offset of one sensor's values: beyond it sensors contradict each other, the
-# sensor is faulty; within it a faulty one agrees again. A healthy one had more than 40 in the demo
-# while errors were learned: innovations count as small noise, and are not only that
-SUSPECTED, FAULTY, AGREES = 32.0, 160.0, 36.0
-CLEAR = 72.0  # chi-squared by which it is more likely to be faulty than any other
+# chi-squared of an offset of one sensor's values: beyond it sensors contradict each other (healthy
+# ones had at most 3 with beams of other shapes, stiffness and load), the sensor is faulty; within
+# it a faulty one agrees again
+SUSPECTED, FAULTY, AGREES = 8.0, 40.0, 9.0
+CLEAR = 18.0  # chi-squared by which it is more likely to be faulty than any other
 CLIP = 4.0  # standard deviations by which one value counts, and more if that before it did
 SCALE = 0.1  # error of a sensor's scale that must have shown until it is heard again
 # s over which deviations are averaged that show errors by what the robot makes of them: their
@@ -99,6 +96,18 @@ class ModelErrors:
         return len(self.likely)
 
 
+@cache
+def _pairs(count: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return both errors of each product of two of so many."""
+    return np.triu_indices(count)
+
+
+def terms(errors: Array) -> Array:
+    """Return all that a polynomial of second degree without a constant has of errors (e,)."""
+    first, second = _pairs(len(errors))
+    return np.concatenate([errors, errors[first] * errors[second]])
+
+
 def knows_errors(robot: Robot) -> bool:
     """Say whether a robot's errors can be told apart: loops and mimic joints hide forces."""
     return not (robot.tree.loops or robot.tree.mimics)
@@ -135,51 +144,20 @@ def last_modes(robot: Robot) -> NDArray[np.intp]:
     return np.array(found, dtype=np.intp)
 
 
-def compliances(robot: Robot, last: float = LAST_MODES) -> list[tuple[NDArray[np.intp], float]]:
-    """Return the coordinates whose compliance is off together, and its change by a unit error.
-
-    `last` is that of the last modes.
-    """
-    groups, modes = [(group, 1.0) for group in stiffnesses(robot)], last_modes(robot)
-    return [*groups, (modes, last)] if len(modes) else groups
+def compliances(robot: Robot) -> list[tuple[NDArray[np.intp], float]]:
+    """Return the coordinates whose compliance is off together, and its change by a unit error."""
+    groups, last = [(group, 1.0) for group in stiffnesses(robot)], last_modes(robot)
+    return [*groups, (last, LAST_MODES)] if len(last) else groups
 
 
-def tried_errors(robot: Robot) -> Array:
-    """Return the errors (k, e) of other robots, from which a polynomial of the errors is made.
-
-    Each one way, then each the other way, then pairs, unless there are too many: the last modes
-    stiffer, as those of beams are that have modes left out.
-    """
-    count = len(compliances(robot)) + 1
-    unit = REACH * np.eye(count)
-    tried = [*unit, *-unit]
-    if count <= PAIRED:
-        if len(last_modes(robot)):
-            unit[-2] *= -1.0
-        tried += [unit[a] + unit[b] for a, b in zip(*np.triu_indices(count, 1), strict=True)]
-    return np.array(tried)
-
-
-def with_errors(robot: Robot, tip: str, errors: Array, last: float = LAST_MODES) -> Robot:
+def with_errors(robot: Robot, tip: str, errors: Array) -> Robot:
     """Return a robot with errors of its compliances, and of the load at a frame."""
     other = robot.with_scaled_load(tip, 1.0 + errors[-1])
     diagonals = other.diagonals()
-    for (group, change), error in zip(compliances(robot, last), errors[:-1], strict=True):
+    for (group, change), error in zip(compliances(robot), errors[:-1], strict=True):
         diagonals[0, group] /= 1.0 + change * error
     other.set_diagonals(diagonals)
     return other
-
-
-def state_with_errors(robot: Robot, state: PlannedState, errors: Array) -> PlannedState:
-    """Return a moment of the plan of a robot with errors of its compliances, `LAST_MOVING`.
-
-    Its beams bend otherwise under the same forces. A linear model about a moment at which they
-    are not in balance has accelerations that no robot has.
-    """
-    q = state.q.copy()
-    for (group, change), error in zip(compliances(robot, LAST_MOVING), errors[:-1], strict=True):
-        q[group] *= 1.0 + change * error
-    return replace(state, q=q)
 
 
 def model_errors(
@@ -224,8 +202,11 @@ def model_errors(
         qd, qdd = differences(q, step)
         return q, qd, problem.torque(q, qd, qdd, none)
 
-    tried = tried_errors(robot)
-    count = tried.shape[1]
+    count = len(compliances(robot)) + 1
+    unit = REACH * np.eye(count)
+    tried = [*unit, *-unit]
+    if count <= PAIRED:
+        tried += [unit[a] + unit[b] for a, b in zip(*np.triu_indices(count, 1), strict=True)]
     exact, plans = planned(np.zeros(count)), [planned(errors) for errors in tried]
     by_terms = np.linalg.pinv(np.array([terms(errors) for errors in tried]))
     changed = [np.array([one[part] - exact[part] for one in plans]) for part in range(3)]

@@ -525,8 +525,8 @@ def estimates_ahead(
         Of the plan [s].
     transition, push : (e, e) and (s, p) arrays
         Of a robot without errors.
-    by_errors : (t, s, s + p) array
-        Changes of both by terms of the errors.
+    by_errors : (2 c, s, s + p) array
+        Changes of both by unit errors, then by their squares.
     pushes : (p,) array
         Torques on their way and the new one, beyond the plan's.
     state, seen : (e,) and (e, c) arrays
@@ -553,27 +553,19 @@ def estimates_ahead(
         for j in range(width):
             beyond[k, j] = -held[k % joints, j]
         beyond[k, 0] += pushes[k]
-    moves, response, changed_by = transition.copy(), np.empty(past), np.empty(part + past)
+    moves, response = transition.copy(), np.empty(past)
     slopes = np.empty((part, count, part + past))  # changes by further errors
     for i in range(part):
-        changed_by[:] = 0.0
+        response[:] = push[i]
         for c in range(count):
             for k in range(part + past):
-                slopes[i, c, k] = by_errors[c, i, k]
-                changed_by[k] += used[c] * by_errors[c, i, k]
-        place = count
-        for a in range(count):
-            for b in range(a, count):
-                for k in range(part + past):
-                    product = by_errors[place, i, k]
-                    slopes[i, a, k] += used[b] * product
-                    slopes[i, b, k] += used[a] * product
-                    changed_by[k] += used[a] * used[b] * product
-                place += 1
-        for k in range(part):
-            moves[i, k] += changed_by[k]
-        for k in range(past):
-            response[k] = push[i, k] + changed_by[part + k]
+                square = used[c] * by_errors[count + c, i, k]
+                slopes[i, c, k] = by_errors[c, i, k] + 2.0 * square
+                moved = used[c] * (by_errors[c, i, k] + square)
+                if k < part:
+                    moves[i, k] += moved
+                else:
+                    response[k - part] += moved
         pushed[i] = 0.0
         for k in range(past):
             pushed[i] += response[k] * beyond[k, 0]

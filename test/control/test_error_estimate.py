@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicHermiteSpline
 
-from denoc_ros.control.feedback_design import terms
+from denoc_ros.control.model_errors import terms
 from denoc_ros.kernels.compiled import entry
 from denoc_ros.kernels.deviation_filter import estimates_ahead, learn_errors, plan_changes
 from denoc_ros.types import Array
@@ -62,7 +62,7 @@ def test_a_period_moves_all_estimates_as_the_robot_with_the_errors(
 ) -> None:
     states, torques = random(rng, 8, S, TERMS), random(rng, 8, K, TERMS)
     transition, push, pushes = random(rng, E, E), random(rng, S, P), random(rng, P)
-    by_errors = random(rng, TERMS, S, S + P)
+    by_errors = random(rng, 2 * C, S, S + P)
     state, seen, shift = random(rng, E), random(rng, E, C), random(rng, E, SENSORS)
     bank, spread = random(rng, E, SENSORS + 1, 1 + TERMS), covariance(rng, C)
     away, pushed = random(rng, S + P, 1 + C), np.zeros(S)
@@ -96,11 +96,8 @@ def test_a_period_moves_all_estimates_as_the_robot_with_the_errors(
         return np.asarray(between(table, at / STEP) @ terms(errors))
 
     # the transition of the robot with the errors in use; errors beside them act on averages
-    change = np.tensordot(terms(used0), by_errors, 1)
-    slopes = [
-        0.5 * np.tensordot(terms(used0 + each) - terms(used0 - each), by_errors, 1)
-        for each in np.eye(C)
-    ]
+    change = np.tensordot(np.concatenate([used0, used0**2]), by_errors, 1)
+    slopes = by_errors[:C] + 2.0 * used0[:, None, None] * by_errors[C:]
     moves, ways = transition.copy(), push + change[:, S:]
     moves[:S, :S] += change[:, :S]
     np.testing.assert_allclose(

@@ -16,13 +16,8 @@ from denoc_ros.control.closed_loop import closed_loop, joint_loop, slow_modes, s
 from denoc_ros.control.deviation_model import DeviationModel, deviation_model
 from denoc_ros.control.feedback_design import joint_gains, joint_inertia
 from denoc_ros.control.feedback_settings import FeedbackSettings
-from denoc_ros.control.gain_schedule import LEFT_ALONE, MORE_DAMPED, GainSchedule, design
-from denoc_ros.control.model_errors import (
-    LAST_MOVING,
-    state_with_errors,
-    tried_errors,
-    with_errors,
-)
+from denoc_ros.control.gain_schedule import GainSchedule, design
+from denoc_ros.control.model_errors import with_errors
 from denoc_ros.control.planned_states import state_at
 from denoc_ros.control.read_values import chosen_values, read_sensors
 from denoc_ros.control.residual_modes import with_residual_modes, without_armature
@@ -163,37 +158,6 @@ def test_filter_that_knows_of_errors_is_that_of_the_robot_which_has_them() -> No
         # 0.04; 0.2 without squares of the errors
         left = np.abs(known[:s, :s] - exact[:s, :s]).max()
         assert left < 0.06 * np.abs(plain[:s, :s] - exact[:s, :s]).max()
-
-
-def test_a_moment_with_errors_has_the_elastic_forces_of_the_plan() -> None:
-    arm = canadarm(source=described())
-    robot = with_residual_modes(arm, arm.joint_names)
-    state = state_at(robot, robot.joint_names, START, 0.1 * LIMITS)
-    bent = robot.flexible_indices
-    state.q[bent] = 0.1 * np.random.default_rng(3).standard_normal(len(bent))
-    errors = np.array([0.2, -0.1, -0.2, 0.1])
-    other = with_errors(robot, 'tool', errors, LAST_MOVING)
-    there = state_with_errors(robot, state, errors)
-    np.testing.assert_allclose(
-        other.stiffness[bent] * there.q[bent], robot.stiffness[bent] * state.q[bent], rtol=1e-12
-    )
-    assert not np.allclose(other.stiffness[bent], robot.stiffness[bent], rtol=0.05)
-
-
-def test_a_pair_of_errors_acts_as_on_the_robot_that_has_both() -> None:
-    gains = posture().gains[0]
-    arm = canadarm(source=described())
-    robot = with_residual_modes(arm, arm.joint_names)
-    state = state_at(robot, robot.joint_names, START, 0.1 * LIMITS)
-    rows = [value.place for value in chosen_values(robot.tree, read_sensors(robot.tree))]
-    for errors in tried_errors(robot):
-        other = with_errors(robot, 'tool', errors, LAST_MOVING)
-        there = state_with_errors(robot, state, errors)
-        found = deviation_model(other, robot.joint_names, rows, 'tool', there)
-        sampled = found.damped(LEFT_ALONE, MORE_DAMPED).sampled(SETTINGS.period, SETTINGS.delay)
-        _, push = gains.with_errors(errors)
-        s = len(push)
-        np.testing.assert_allclose(push[:, -3:], sampled.b[:s], rtol=1e-6, atol=1e-15)
 
 
 @pytest.mark.long
@@ -384,20 +348,18 @@ def test_gauge_that_turns_over_where_strain_changes_sign_does_not_lose_the_arm()
 
 
 @pytest.mark.long
-@pytest.mark.parametrize('begin', [1.2, 2.0])
-def test_gauge_that_sticks_teaches_nothing_wrong(begin: float) -> None:
+def test_gauge_that_sticks_where_strain_changes_sign_teaches_nothing_wrong() -> None:
     planned, schedule = quick()
     loop = Loop(planned, canadarm(source=described()), StateFeedback(planned.robot, schedule))
     stuck: list[float] = []
 
     def wrong(now: float, value: float) -> float:
-        if now < begin:
+        if now < 2.0:
             return value
         stuck.append(value)
         return stuck[0]
 
-    # its neighbours are blamed as well, the joints alone remain: 4.4 mm, and 3.2 mm where strain
-    # changes sign at 2 s; 8.7 mm there where the estimate is believed until a sensor is clearly
-    # faulty, 20 mm where learning goes on; 39 mm where it goes on once the neighbours are heard
+    # its neighbours are blamed as well, and the joints alone remain: 5.6 mm; 8.7 mm where the
+    # estimate is believed until a sensor is clearly faulty, 20 mm where learning goes on
     loop.wrong = wrong
     assert loop.run(7.0).error[3500:].max() < 0.007
