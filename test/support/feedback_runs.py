@@ -1,4 +1,4 @@
-"""A robot that is not its model, under the torque of a plan with state feedback, at 1 kHz."""
+"""A robot that is not its model, under the torque of a plan with state feedback."""
 
 from __future__ import annotations
 
@@ -50,6 +50,7 @@ class Planned:
     qdd: Array
     torque: Array
     effort: float = 5000.0  # N m
+    period: float = PERIOD
 
     @property
     def duration(self) -> float:
@@ -71,7 +72,8 @@ class Planned:
 @cache
 def designed(planned: Planned, **more: float) -> GainSchedule:
     """Return the gains along a plan; nothing changes them."""
-    settings = FeedbackSettings(period=PERIOD, tip='tool', delay=DELAY * PERIOD, **more)
+    period = planned.period
+    settings = FeedbackSettings(period=period, tip='tool', delay=DELAY * period, **more)
     robot, trajectory = planned.robot, planned.trajectory
     idle = np.zeros(robot.n)
     job = GainJob(robot.joint_names, planned.limits, idle, settings, START, trajectory)
@@ -115,30 +117,33 @@ def described(
 
 
 @cache
-def tip_exact(duration: float = 10.0, share: float = 1.0, source: str = str(CANADARM)) -> Planned:
+def tip_exact(
+    duration: float = 10.0, share: float = 1.0, source: str = str(CANADARM), period: float = PERIOD
+) -> Planned:
     """Return the tip-exact plan of the Canadarm's cycloid, or of a share of its way."""
     robot = canadarm(source=source)
     cycloid = CycloidalTrajectory(START, share * WAY / duration, np.full(3, duration))
     times, positions, _, _ = cycloid.table(0.05)
     plan = dn.shape_motion(robot, times, positions, tip='tool')
     joints = plan.q[:, robot.joint_indices]
-    return planned_along(robot, SplineTrajectory(plan.t - plan.t[0], joints))
+    return planned_along(robot, SplineTrajectory(plan.t - plan.t[0], joints), period=period)
 
 
 def planned_along(
-    robot: Robot, trajectory: SplineTrajectory, after: float = AFTER, effort: float = 5000.0
-) -> Planned:
+    robot: Robot, trajectory: SplineTrajectory, after: float = AFTER, effort: float = 5000.0,
+    period: float = PERIOD,
+) -> Planned:  # fmt: skip
     """Return the plan along a motion of the measured joints, and for so long after it [s]."""
-    count = round((trajectory.duration + after) / PERIOD) + 1
-    source = TorqueFeedforward(measured_robot(robot), None, 'flexible', step=PERIOD)
+    count = round((trajectory.duration + after) / period) + 1
+    source = TorqueFeedforward(measured_robot(robot), None, 'flexible', step=period)
     rows = np.zeros((3, count, robot.n))
     torque = np.zeros((count, len(robot.joint_names)))
     q, qd, qdd = np.zeros((3, len(robot.joint_names)))
     for k in range(count):
-        trajectory.sample(k * PERIOD, q, qd, qdd)
-        torque[k] = source.update(q, qd, qdd, PERIOD if k else 0.0)
+        trajectory.sample(k * period, q, qd, qdd)
+        torque[k] = source.update(q, qd, qdd, period if k else 0.0)
         rows[:, k] = source.whole_motion()
-    return Planned(robot, trajectory, rows[0], rows[1], rows[2], torque, effort)
+    return Planned(robot, trajectory, rows[0], rows[1], rows[2], torque, effort, period)
 
 
 @dataclass
@@ -149,13 +154,14 @@ class Outcome:
     torque: Array
     share: Array
     moving: int  # periods of the plan's motion
+    period: float
 
     @property
     def rms(self) -> float:
         return float(np.sqrt(np.mean(self.error[: self.moving] ** 2)))
 
     def after(self, seconds: float) -> float:
-        return float(self.error[self.moving + round(seconds / PERIOD) :].max())
+        return float(self.error[self.moving + round(seconds / self.period) :].max())
 
 
 @dataclass
@@ -178,6 +184,8 @@ class Loop:
     backlog: int = 0  # ticks after a pause in which what was measured in it arrives
     # force (3,) [N] on the tip by its place and velocity (3,), world axes
     contact: Callable[[Array, Array], Array] | None = None
+    delay: float = DELAY  # periods from a measurement to its torque, as they are
+    waits: float = 0.0  # s at rest with feedback before the motion
     hinges: int = 0  # per beam of a truth that MuJoCo simulates; 0: its own modes
 
     def __post_init__(self) -> None:
@@ -192,26 +200,28 @@ class Loop:
         self.biases = [value.bias * rng.standard_normal() for value in self.values]
 
     def run(self, duration: float | None = None) -> Outcome:
-        plan, truth = self.planned, self.truth
+        plan, truth, period = self.planned, self.truth, self.planned.period
         whole = len(plan.q) - 1
-        count = whole if duration is None else min(whole, round(duration / PERIOD))
+        count = whole if duration is None else min(whole, round(duration / period))
         joints, tau = len(truth.joint_names), np.zeros(truth.n)
         simulated = self._plant = self._simulated()
         q, qd, qdd = simulated.q, simulated.qd, np.zeros(truth.n)
-        queue = deque([plan.torque[0]] * round(DELAY * SUBSTEPS))
-        torque, share = np.zeros((count, joints)), np.zeros(count)
+        queue = deque([plan.torque[0]] * round(self.delay * SUBSTEPS))
+        before = round(self.waits / period)  # ticks
+        torque, share = np.zeros((before + count, joints)), np.zeros(before + count)
         chain = simulated if isinstance(simulated, MujocoRobot) else None
-        reached = np.empty((count, truth.n if chain is None else 3))
+        reached = np.empty((before + count, truth.n if chain is None else 3))
         generator = np.random.default_rng(self.seed)
         paused = part = 0
-        pauses = {round(at / PERIOD): round(long / PERIOD) for at, long in self.away.items()}
-        for k in range(count):
+        pauses = {round(at / period): round(long / period) for at, long in self.away.items()}
+        for tick in range(before + count):
+            k = tick - before
             paused = pauses.get(k, paused)
             if self.stall and paused == 0 and generator.random() < self.stall:
                 paused = int(generator.integers(1, 20))
             if paused:
                 # the drives hold what they were last told
-                paused, torque[k] = paused - 1, torque[k - 1]
+                paused, torque[tick] = paused - 1, torque[tick - 1]
                 self._unread.append((k, q.copy(), qd.copy(), qdd.copy()))
                 part = -(-len(self._unread) // max(1, self.backlog))  # that a tick reads
             else:
@@ -219,18 +229,21 @@ class Loop:
                 if self.backlog and self._unread:
                     measured = self._unread[:part][-1]
                 del self._unread[:part]
-                torque[k] = self._torque(k, measured, generator)
-            share[k] = self.feedback.share if self.feedback else 0.0
+                torque[tick] = self._torque(k, measured, generator)
+            share[tick] = self.feedback.share if self.feedback else 0.0
             for _ in range(SUBSTEPS):
-                queue.append(torque[k])
+                queue.append(torque[tick])
                 tau[:] = self._touched(q, qd)
                 tau[truth.joint_indices] += queue.popleft()
                 simulated.free(tau)
                 qdd[:] = simulated.qdd
-            reached[k] = q if chain is None else chain.data.site('tool').xpos
+            reached[tick] = q if chain is None else chain.data.site('tool').xpos
+        reached = reached[before:]
         there = reached if chain else truth.frame_pose('tool', reached)[:, :3, 3]
         error = np.linalg.norm(there - plan.tip[:count], axis=1)
-        return Outcome(error, torque, share, round(plan.duration / PERIOD))
+        return Outcome(
+            error, torque[before:], share[before:], round(plan.duration / period), period
+        )
 
     def _readings(self, q: Array, qd: Array, qdd: Array) -> Array:
         """Return what the truth's sensors measure (sensors,)."""
@@ -248,7 +261,7 @@ class Loop:
 
     def _simulated(self) -> SimulatedRobot:
         """Return the truth at the plan's beginning."""
-        plan, truth, step = self.planned, self.truth, PERIOD / SUBSTEPS
+        plan, truth, step = self.planned, self.truth, self.planned.period / SUBSTEPS
         start = plan.q[0][plan.robot.joint_indices]
         drives = Drives(truth.joint_names, truth.joint_indices, *np.zeros((2, len(start))))
         at = truth.static_deflection(start)
@@ -262,8 +275,9 @@ class Loop:
 
     def _torque(self, k: int, measured: Measured, generator: np.random.Generator) -> Array:
         """Return what leaves in a period (joints,): the plan's torque and the feedback's."""
-        plan, feedback, now = self.planned, self.feedback, k * PERIOD
-        stamp, q, qd, qdd = measured[0] * PERIOD, *measured[1:]
+        plan, feedback, period = self.planned, self.feedback, self.planned.period
+        now, stamp, q, qd, qdd = k * period, measured[0] * period, *measured[1:]
+        k = max(k, 0)
         if feedback is None:
             return np.asarray(plan.torque[k])
         if self.gone[0] <= now < self.gone[1]:
