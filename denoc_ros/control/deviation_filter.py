@@ -151,6 +151,7 @@ class DeviationFilter:
         self._began, self._judges_from, self._begins = np.nan, -np.inf, False
         self._beginning, self._pause = None, None
         self._is_astray, self._small_from = False, -np.inf
+        self._mistook = False  # a healthy sensor was blamed beside the faulty one
         self.joints[:], self.joints_at = 0.0, -np.inf
 
     def _forget(self) -> None:
@@ -286,7 +287,9 @@ class DeviationFilter:
             self._watch(at[good[at] & (errors is None or errors.heard[at])], gains)
             return
         if errors is not None and not self.blind:
-            learns = self.believed or np.count_nonzero(errors.faulty) == 1
+            faulty = int(np.count_nonzero(errors.faulty))
+            self._mistook = faulty > 1 or (self._mistook and faulty > 0)
+            learns = self.believed or (faulty == 1 and not self._mistook)
             time = self.time if learns and not errors.suspected else None
             errors.take(gains, self._surprise, at, good, self._values, since, time)
             good = good & errors.heard

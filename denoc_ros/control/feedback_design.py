@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 import scipy.linalg
@@ -76,6 +77,18 @@ class Regulator:
     past: int  # torques on their way
 
 
+@cache
+def _pairs(count: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return both errors of each product of two of so many."""
+    return np.triu_indices(count)
+
+
+def terms(errors: Array) -> Array:
+    """Return all that a polynomial of second degree without a constant has of errors (e,)."""
+    first, second = _pairs(len(errors))
+    return np.concatenate([errors, errors[first] * errors[second]])
+
+
 @dataclass(frozen=True)
 class PostureGains:
     """Gains of the loop at one moment of a plan.
@@ -107,10 +120,9 @@ class PostureGains:
         Nothing feeds it back, so it may trust the model and the sensors more.
     surprise : (measured, measured) array
         Covariance of the innovations of that estimate.
-    by_errors : (2 errors, 2 m, 2 m + past + joints) array
+    by_errors : (terms, 2 m, 2 m + past + joints) array
         Change of what y, the torques on their way and the new one make of y over a period, by
-        unit errors of the model, then by their squares; zero where the filter does not follow
-        them.
+        :func:`terms` of the model's errors; zero where the filter does not follow them.
     unit : (2 m,) array
         Deviations that are as likely as one another where an estimate begins: bent by as much
         energy.
@@ -133,7 +145,7 @@ class PostureGains:
 
     def with_errors(self, errors: Array) -> tuple[Array, Array]:
         """Return `transition` and `push` of a robot with errors of the model (errors,)."""
-        change = np.tensordot(np.concatenate([errors, errors**2]), self.by_errors, 1)
+        change = np.tensordot(terms(errors), self.by_errors, 1)
         transition, s = self.transition.copy(), len(change)
         transition[:s, :s] += change[:, :s]
         return transition, self.push + change[:, s:]
@@ -292,6 +304,12 @@ class Noise:
         """
         fading = math.exp(-period / BIAS_TIME) * np.eye(len(self.biases))
         return np.asarray(scipy.linalg.block_diag(transition, fading))
+
+    def with_rates(self, factor: float, joints: int) -> Noise:
+        """Return noise with so many times that of so many joints' rates."""
+        measured = self.measured.copy()
+        measured[joints : 2 * joints] *= factor
+        return replace(self, measured=measured)
 
     def forces(self, state: PlannedState, stiff: Array, share: float) -> Array:
         """Return the deviations (joints + flexible,) of unknown forces at a moment."""

@@ -37,17 +37,20 @@ from denoc_ros.control.feedback_design import (
     reach_of,
     regulator,
     settled_cost,
+    terms,
     whole_rows,
 )
 from denoc_ros.control.feedback_settings import FeedbackSettings
 from denoc_ros.control.model_errors import (
-    REACH,
+    LAST_MOVING,
     ModelErrors,
     compliances,
+    extreme_errors,
     knows_errors,
-    last_modes,
     model_errors,
+    state_with_errors,
     stiffnesses,
+    tried_errors,
     with_errors,
 )
 from denoc_ros.control.planned_states import PlannedMotion, state_at
@@ -73,7 +76,10 @@ HALVINGS = 5  # of the joints' bandwidth
 NEUTRAL = 1e-9  # what rounding makes of a modulus of 1
 # the estimate that learns: factors of the noise of sensors on beams and of the least forces, and
 # share of the model's error that is left where stiffness and load are estimated
-FINE, FINE_LEAST, KNOWN_FINE = 3.0, 0.6, 0.01
+FINE, FINE_LEAST, KNOWN_FINE = 1.5, 0.2, 0.01
+# factors of the rates' noise, until no filter takes back more than a share of what it assumed a
+# period before: one of a robot with errors would ring, where periods are long
+CALMER, TAKEN_BACK = (1.0, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0), 0.7
 TRUST = 0.3  # without modes beyond the design's: the filter allows for more than is true
 TRIED = 3  # postures at which robots with other modes are tried, at most
 PARTS = (1.0, 0.5)  # of the feedback: it comes in and goes
@@ -110,7 +116,7 @@ class Proof:
     ) -> None:  # fmt: skip
         seen = MeasuredStates(robot, joints)
         self._settings, self.hard = settings, hard
-        self._compliances = len(stiffnesses(robot))
+        self._compliances, self._errors = len(stiffnesses(robot)), len(compliances(robot)) + 1
         self._postures = [seen.posture(state.q) for state in states]
         self._plants: list[list[Plant]] = [
             [(*plant, '') for plant in plants(robot, joints, sensors, state, settings)]
@@ -146,7 +152,7 @@ class Proof:
             for model, stiffness, load, name in here:
                 tried = [(gain, part) for part in (PARTS if self.hard else PARTS[:1])]
                 if gain.by_errors.any() and (stiffness, load) != (1.0, 1.0):
-                    errors = np.zeros(len(gain.by_errors) // 2)
+                    errors = np.zeros(self._errors)
                     errors[: self._compliances], errors[-1] = 1.0 / stiffness - 1.0, load - 1.0
                     transition, push = gain.with_errors(errors)
                     tried.append((replace(gain, transition=transition, push=push), PARTS[0]))
@@ -277,21 +283,27 @@ def design(
     settings = _with_stable_joints(settings, proof, [models[k] for k in chosen])
     knows = knows_errors(robot)
     share = (KNOWN if hard and knows else 1.0) * settings.model_error
-    count = len(compliances(robot)) + 1 if knows else 0
-    # these with errors of the model, each one way, then each the other way
-    fine, others = None, [[model] * (2 * count) for model in models]
+    tried = tried_errors(robot) if knows else np.zeros((0, 0))
+    fine, others = None, [[model] * len(tried) for model in models]  # with errors of the model
     if hard and knows:
         fine = noise_of(robot, len(joints), values, limits, settings, FINE, FINE_LEAST)
-        for place, errors in enumerate(REACH * np.concatenate([np.eye(count), -np.eye(count)])):
-            other = with_errors(robot, settings.tip, errors)
+        for place, errors in enumerate(tried):
+            other = with_errors(robot, settings.tip, errors, LAST_MOVING)
             for some, state in zip(others, states, strict=True):
-                some[place] = deviation_model(other, joints, rows, settings.tip, state)
+                there = state_with_errors(robot, state, errors)
+                some[place] = deviation_model(other, joints, rows, settings.tip, there)
     if hard:  # what moves faster is left to the joints' own feedback
         models, *others = (
             [model.damped(LEFT_ALONE, MORE_DAMPED) for model in some] for some in (models, *others)
         )
-    last = len(stiffnesses(robot)) if len(last_modes(robot)) else None
-    by_errors = [_by_errors(*pair, last, settings) for pair in zip(models, others, strict=True)]
+    by_terms = np.linalg.pinv(np.array([terms(errors) for errors in tried])) if knows else tried
+    by_errors = [
+        _by_errors(*pair, by_terms, settings) for pair in zip(models, others, strict=True)
+    ]
+    if fine is not None:
+        places = [(models[k], states[k], by_errors[k]) for k in chosen]
+        noise = _calm(noise, robot, places, share, settings)
+        fine = _calm(fine, robot, places, KNOWN_FINE * settings.model_error, settings)
     for factor, slower in LOWER if hard else LOWER[:1]:
         factors = dict.fromkeys(LOWERED, factor) | {'integral_time': slower}
         lower = replace(settings, **{n: by * getattr(settings, n) for n, by in factors.items()})
@@ -333,10 +345,7 @@ def _gains(
         problem = regulator(model, limits, settings, inner)
         cost = settled_cost(problem) if cost is None else earlier_cost(problem, cost, doublings)
         forces = noise.forces(state, stiff, share)
-        transition = noise.with_biases(
-            model.disturbed(settings.period, CORRELATION), settings.period
-        )
-        measured = whole_rows(model, noise)
+        transition, measured = _ahead(model, noise, settings), whole_rows(model, noise)
         correction, covariance = estimator(measured, transition, noise, forces, len(measured))
         spread = np.sqrt(np.diag(covariance))
         learner, surprise = correction, np.diag((TRUST * spread) ** 2)
@@ -356,6 +365,35 @@ def _gains(
     return gains
 
 
+def _ahead(model: DeviationModel, noise: Noise, settings: FeedbackSettings) -> Array:
+    """Return the transition (e, e) of an estimate over a period."""
+    moved = model.disturbed(settings.period, CORRELATION)
+    return noise.with_biases(moved, settings.period)
+
+
+def _calm(
+    noise: Noise, robot: Robot, places: Sequence[tuple[DeviationModel, PlannedState, Array]],
+    share: float, settings: FeedbackSettings,
+) -> Noise:  # fmt: skip
+    """Return the noise with that of rates so large that estimates with errors are calm."""
+    stiff = robot.stiffness[robot.flexible_indices]
+    for factor in CALMER:
+        calmer = noise.with_rates(factor, places[0][0].joints)
+        taken = 0.0
+        for model, state, by_errors in places:
+            transition, measured = _ahead(model, calmer, settings), whole_rows(model, calmer)
+            forces = calmer.forces(state, stiff, share)
+            correction, _ = estimator(measured, transition, calmer, forces, len(measured))
+            left, s = np.eye(len(transition)) - correction @ measured, 2 * model.size
+            for errors in extreme_errors(robot):
+                moved = transition.copy()
+                moved[:s, :s] += np.tensordot(terms(errors), by_errors[..., :s], 1)
+                taken = max(taken, -np.linalg.eigvals(moved @ left).real.min())
+        if taken <= TAKEN_BACK:
+            break
+    return calmer
+
+
 def _response(model: DeviationModel, settings: FeedbackSettings) -> Array:
     """Return y (2 m, 2 m + past + joints) after a period, by y, torques on their way, the new."""
     sampled, s = model.sampled(settings.period, settings.delay), 2 * model.size
@@ -363,23 +401,18 @@ def _response(model: DeviationModel, settings: FeedbackSettings) -> Array:
 
 
 def _by_errors(
-    model: DeviationModel, others: Sequence[DeviationModel], last: int | None,
+    model: DeviationModel, others: Sequence[DeviationModel], by_terms: Array,
     settings: FeedbackSettings,
 ) -> Array:  # fmt: skip
-    """Return the change of the response by each error, then by its square.
+    """Return the change (terms, ...) of the response by errors, from robots that have some.
 
-    From robots with errors of `REACH`, one way and the other way. The last modes' stiffness (error
-    `last`) becomes several times itself one way, which no polynomial follows: that change is
-    linear, from the other way. All are zero for robots that are the model itself: a design without
-    other modes is not stable with a filter that follows the errors.
+    `by_terms` (terms, others) is the inverse of the terms of these. All are zero for robots that
+    are the model itself: a design without other modes is not stable with a filter that follows
+    the errors.
     """
     exact = _response(model, settings)
     changed = np.array([_response(other, settings) - exact for other in others])
-    ahead, behind = changed.reshape(2, -1, *exact.shape)
-    slopes, squares = (ahead - behind) / (2.0 * REACH), (ahead + behind) / (2.0 * REACH**2)
-    if last is not None:
-        slopes[last], squares[last] = ahead[last] / REACH, 0.0
-    return np.concatenate([slopes, squares])
+    return np.tensordot(by_terms, changed.reshape(-1, *exact.shape), 1)
 
 
 def _with_stable_joints(

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import cache
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from denoc_ros.control.feedback_design import PostureGains
+from denoc_ros.control.deviation_model import PlannedState
+from denoc_ros.control.feedback_design import PostureGains, terms
 from denoc_ros.control.grid import differences
 from denoc_ros.control.planned_states import PlannedMotion
 from denoc_ros.control.residual_modes import MORE, is_hardened
@@ -33,19 +34,22 @@ REACH = 0.2  # errors at which plans of other robots are made
 AFTER = 2.0  # s after the end of the motion that such a plan may use
 PAIRED = 5  # errors of which all pairs are tried; of more each alone
 LIKELY = 0.2  # standard deviation of an error before anything is measured
-LIKELY_LAST = 0.1  # of that of the last modes, which is rare
+LIKELY_LAST = 0.15  # of that of the last modes, which is rare
 # how much likelier than errors of that size none is, before anything is measured; and than the
 # rare one
 NONE, RARELY = 3.0, 10.0
-UNSURE = 0.03  # standard deviation of what other modes of beams show as the rare error
+UNSURE = 0.01  # standard deviation of what other modes of beams show as the rare error
 # of the last modes' compliance, by a unit error: they turn a beam by a seventh, under a moment
 LAST_MODES = 4.0
+# of the same in the model of deviations, whose polynomial follows no stiffness that is five times
+# itself; modes as fast as these hardly move by themselves
+LAST_MOVING = 2.6
 LARGEST = 0.4  # error that is believed
 GATE = 4.0  # of the innovations' spread: beyond it something else was at work
 # where sensors are checked, an offset is found otherwise, and ten channels pass 4 too often
 CHECKED_GATE = 5.0
 QUIET = 0.3  # s after a pause of the loop in which its trace is not taken for an error's
-ENTERS = 0.05  # s, each of two lags by which errors come in
+ENTERS = 0.07  # s, each of two lags by which errors come in
 HISTORY = 256  # periods over which values may be late
 KEPT, APART = 3, 0.1  # estimates of the past that are kept, and the time between them [s]
 RECENT = 0.15  # s of innovations in which a sensor that contradicts the others shows
@@ -58,9 +62,9 @@ SUSPECTED, FAULTY, AGREES = 8.0, 40.0, 9.0
 CLEAR = 18.0  # chi-squared by which it is more likely to be faulty than any other
 CLIP = 4.0  # standard deviations by which one value counts, and more if that before it did
 SCALE = 0.1  # error of a sensor's scale that must have shown until it is heard again
-# s over which deviations are averaged that show errors by what the robot makes of them: their
-# noise would show some, too
-AVERAGED = 0.1
+# s over which deviations are averaged, twice, that show errors by what the robot makes of them:
+# else their noise, which the feedback's torque shares, would show errors of last modes at rest
+AVERAGED = 0.03
 # standard deviation of what an error changes within a second: with more, seconds later it is
 # forgotten by how much beams of other shapes turn, and they swing after the stop
 WALK = 0.003
@@ -94,18 +98,6 @@ class ModelErrors:
     def count(self) -> int:
         """How many errors there are: of e, e (e + 3) / 2 terms."""
         return len(self.likely)
-
-
-@cache
-def _pairs(count: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return both errors of each product of two of so many."""
-    return np.triu_indices(count)
-
-
-def terms(errors: Array) -> Array:
-    """Return all that a polynomial of second degree without a constant has of errors (e,)."""
-    first, second = _pairs(len(errors))
-    return np.concatenate([errors, errors[first] * errors[second]])
 
 
 def knows_errors(robot: Robot) -> bool:
@@ -144,20 +136,58 @@ def last_modes(robot: Robot) -> NDArray[np.intp]:
     return np.array(found, dtype=np.intp)
 
 
-def compliances(robot: Robot) -> list[tuple[NDArray[np.intp], float]]:
-    """Return the coordinates whose compliance is off together, and its change by a unit error."""
-    groups, last = [(group, 1.0) for group in stiffnesses(robot)], last_modes(robot)
-    return [*groups, (last, LAST_MODES)] if len(last) else groups
+def compliances(robot: Robot, last: float = LAST_MODES) -> list[tuple[NDArray[np.intp], float]]:
+    """Return the coordinates whose compliance is off together, and its change by a unit error.
+
+    `last` is that of the last modes.
+    """
+    groups, modes = [(group, 1.0) for group in stiffnesses(robot)], last_modes(robot)
+    return [*groups, (modes, last)] if len(modes) else groups
 
 
-def with_errors(robot: Robot, tip: str, errors: Array) -> Robot:
+def tried_errors(robot: Robot) -> Array:
+    """Return the errors (k, e) of other robots, from which a polynomial of the errors is made.
+
+    Each one way, then each the other way, then pairs, unless there are too many: the last modes
+    stiffer, as those of beams are that have modes left out.
+    """
+    count = len(compliances(robot)) + 1
+    unit = REACH * np.eye(count)
+    tried = [*unit, *-unit]
+    if count <= PAIRED:
+        if len(last_modes(robot)):
+            unit[-2] *= -1.0
+        tried += [unit[a] + unit[b] for a, b in zip(*np.triu_indices(count, 1), strict=True)]
+    return np.array(tried)
+
+
+def extreme_errors(robot: Robot) -> Array:
+    """Return the errors (k, e) of robots whose beams are all off by `REACH`, and last modes."""
+    count, rare = len(stiffnesses(robot)), len(last_modes(robot)) > 0
+    ways = itertools.product((-REACH, REACH), repeat=1 + rare)
+    return np.array([[way[0]] * count + [*way[1:], 0.0] for way in ways])
+
+
+def with_errors(robot: Robot, tip: str, errors: Array, last: float = LAST_MODES) -> Robot:
     """Return a robot with errors of its compliances, and of the load at a frame."""
     other = robot.with_scaled_load(tip, 1.0 + errors[-1])
     diagonals = other.diagonals()
-    for (group, change), error in zip(compliances(robot), errors[:-1], strict=True):
+    for (group, change), error in zip(compliances(robot, last), errors[:-1], strict=True):
         diagonals[0, group] /= 1.0 + change * error
     other.set_diagonals(diagonals)
     return other
+
+
+def state_with_errors(robot: Robot, state: PlannedState, errors: Array) -> PlannedState:
+    """Return a moment of the plan of a robot with errors of its compliances, `LAST_MOVING`.
+
+    Its beams bend otherwise under the same forces. A linear model about a moment at which they
+    are not in balance has accelerations that no robot has.
+    """
+    q = state.q.copy()
+    for (group, change), error in zip(compliances(robot, LAST_MOVING), errors[:-1], strict=True):
+        q[group] *= 1.0 + change * error
+    return replace(state, q=q)
 
 
 def model_errors(
@@ -202,11 +232,8 @@ def model_errors(
         qd, qdd = differences(q, step)
         return q, qd, problem.torque(q, qd, qdd, none)
 
-    count = len(compliances(robot)) + 1
-    unit = REACH * np.eye(count)
-    tried = [*unit, *-unit]
-    if count <= PAIRED:
-        tried += [unit[a] + unit[b] for a, b in zip(*np.triu_indices(count, 1), strict=True)]
+    tried = tried_errors(robot)
+    count = tried.shape[1]
     exact, plans = planned(np.zeros(count)), [planned(errors) for errors in tried]
     by_terms = np.linalg.pinv(np.array([terms(errors) for errors in tried]))
     changed = [np.array([one[part] - exact[part] for one in plans]) for part in range(3)]
@@ -312,7 +339,7 @@ class ErrorEstimate:
         self._torque = np.zeros(self._errors.torques.shape[1])
         # of robots with errors, as linear functions of them: deviations from their own plan, and
         # torques beyond its own
-        self._away = np.zeros((gains.by_errors.shape[2], 1 + count))
+        self._away = np.zeros((2, gains.by_errors.shape[2], 1 + count))
         self._past: deque[tuple[Array, Array]] = deque(maxlen=KEPT)
         self._since = 0.0
         # estimates without each sensor, then with all: polynomials in errors beside those used

@@ -503,7 +503,7 @@ def believed(values, covariance, numbers, work, out):
 @kernel(
     'void(float64[:, :, ::1], float64[:, :, ::1], float64[::1], float64, float64[:, ::1], '
     'float64[:, ::1], float64[:, :, ::1], float64[::1], float64[::1], float64[:, ::1], '
-    'float64[:, :, ::1], float64[:, ::1], float64[:, ::1], float64[:, ::1], float64[::1], '
+    'float64[:, :, ::1], float64[:, ::1], float64[:, ::1], float64[:, :, ::1], float64[::1], '
     'float64[::1], float64[::1], float64[::1])'
 )
 def estimates_ahead(
@@ -525,8 +525,8 @@ def estimates_ahead(
         Of the plan [s].
     transition, push : (e, e) and (s, p) arrays
         Of a robot without errors.
-    by_errors : (2 c, s, s + p) array
-        Changes of both by unit errors, then by their squares.
+    by_errors : (t, s, s + p) array
+        Changes of both by terms of the errors.
     pushes : (p,) array
         Torques on their way and the new one, beyond the plan's.
     state, seen : (e,) and (e, c) arrays
@@ -535,8 +535,9 @@ def estimates_ahead(
         In place.
     covariance : (c, c) array
         In place.
-    away : (s + p, 1 + c) array
-        In place: average of deviations and torques beyond the plan of a robot with errors.
+    away : (2, s + p, 1 + c) array
+        In place: averages, and their averages, of deviations and torques beyond the plan of a
+        robot with errors.
     values, used, entering : (c,) arrays
         Errors: as estimated; in use, and the first of the lags on the way there, both in place.
     pushed : (s,) array
@@ -553,19 +554,27 @@ def estimates_ahead(
         for j in range(width):
             beyond[k, j] = -held[k % joints, j]
         beyond[k, 0] += pushes[k]
-    moves, response = transition.copy(), np.empty(past)
+    moves, response, changed_by = transition.copy(), np.empty(past), np.empty(part + past)
     slopes = np.empty((part, count, part + past))  # changes by further errors
     for i in range(part):
-        response[:] = push[i]
+        changed_by[:] = 0.0
         for c in range(count):
             for k in range(part + past):
-                square = used[c] * by_errors[count + c, i, k]
-                slopes[i, c, k] = by_errors[c, i, k] + 2.0 * square
-                moved = used[c] * (by_errors[c, i, k] + square)
-                if k < part:
-                    moves[i, k] += moved
-                else:
-                    response[k - part] += moved
+                slopes[i, c, k] = by_errors[c, i, k]
+                changed_by[k] += used[c] * by_errors[c, i, k]
+        place = count
+        for a in range(count):
+            for b in range(a, count):
+                for k in range(part + past):
+                    product = by_errors[place, i, k]
+                    slopes[i, a, k] += used[b] * product
+                    slopes[i, b, k] += used[a] * product
+                    changed_by[k] += used[a] * used[b] * product
+                place += 1
+        for k in range(part):
+            moves[i, k] += changed_by[k]
+        for k in range(past):
+            response[k] = push[i, k] + changed_by[part + k]
         pushed[i] = 0.0
         for k in range(past):
             pushed[i] += response[k] * beyond[k, 0]
@@ -574,16 +583,18 @@ def estimates_ahead(
     share = numbers[AVERAGED]
     for j in range(1 + count):
         for i in range(part):
-            away[i, j] += share * (bank[i, sensors, j] - before[i, j] - away[i, j])
+            away[0, i, j] += share * (bank[i, sensors, j] - before[i, j] - away[0, i, j])
         for k in range(past):
-            away[part + k, j] += share * (beyond[k, j] - away[part + k, j])
+            away[0, part + k, j] += share * (beyond[k, j] - away[0, part + k, j])
+        for i in range(part + past):
+            away[1, i, j] += share * (away[0, i, j] - away[1, i, j])
     changed = np.empty((count, 1 + count))
     for i in range(part):
         changed[:] = 0.0
         for c in range(count):
             for k in range(part + past):
                 for j in range(1 + count):
-                    changed[c, j] += slopes[i, c, k] * away[k, j]
+                    changed[c, j] += slopes[i, c, k] * away[1, k, j]
         place = 1 + count
         for a in range(count):
             after[i, 1 + a] += changed[a, 0]

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicHermiteSpline
 
-from denoc_ros.control.model_errors import terms
+from denoc_ros.control.feedback_design import terms
 from denoc_ros.kernels.compiled import entry
 from denoc_ros.kernels.deviation_filter import estimates_ahead, learn_errors, plan_changes
 from denoc_ros.types import Array
@@ -62,10 +62,10 @@ def test_a_period_moves_all_estimates_as_the_robot_with_the_errors(
 ) -> None:
     states, torques = random(rng, 8, S, TERMS), random(rng, 8, K, TERMS)
     transition, push, pushes = random(rng, E, E), random(rng, S, P), random(rng, P)
-    by_errors = random(rng, 2 * C, S, S + P)
+    by_errors = random(rng, TERMS, S, S + P)
     state, seen, shift = random(rng, E), random(rng, E, C), random(rng, E, SENSORS)
     bank, spread = random(rng, E, SENSORS + 1, 1 + TERMS), covariance(rng, C)
-    away, pushed = random(rng, S + P, 1 + C), np.zeros(S)
+    away, pushed = random(rng, 2, S + P, 1 + C), np.zeros(S)
     values, used, entering = 0.1 * random(rng, 3, C)
     numbers = np.array([
         STEP, PERIOD, AVERAGED, ENTERS, GROWTH, NONE, RARE, RARELY, UNSURE, *LIKELY
@@ -96,8 +96,11 @@ def test_a_period_moves_all_estimates_as_the_robot_with_the_errors(
         return np.asarray(between(table, at / STEP) @ terms(errors))
 
     # the transition of the robot with the errors in use; errors beside them act on averages
-    change = np.tensordot(np.concatenate([used0, used0**2]), by_errors, 1)
-    slopes = by_errors[:C] + 2.0 * used0[:, None, None] * by_errors[C:]
+    change = np.tensordot(terms(used0), by_errors, 1)
+    slopes = [
+        0.5 * np.tensordot(terms(used0 + each) - terms(used0 - each), by_errors, 1)
+        for each in np.eye(C)
+    ]
     moves, ways = transition.copy(), push + change[:, S:]
     moves[:S, :S] += change[:, :S]
     np.testing.assert_allclose(
@@ -127,9 +130,11 @@ def test_a_period_moves_all_estimates_as_the_robot_with_the_errors(
         # a polynomial of second degree: central differences are its slope
         at_none, unit = exact(np.zeros(C)), np.eye(C)
         slope = np.array([0.5 * (exact(each) - exact(-each)) for each in unit]).T
-        now = away0 + AVERAGED * (np.column_stack([at_none, slope]) - away0)
-        np.testing.assert_allclose(away, now, rtol=1e-9, atol=1e-9)
-        return np.asarray(now[:, 0] + now[:, 1:] @ beside)
+        now = away0[0] + AVERAGED * (np.column_stack([at_none, slope]) - away0[0])
+        np.testing.assert_allclose(away[0], now, rtol=1e-9, atol=1e-9)
+        again = away0[1] + AVERAGED * (now - away0[1])
+        np.testing.assert_allclose(away[1], again, rtol=1e-9, atol=1e-9)
+        return np.asarray(again[:, 0] + again[:, 1:] @ beside)
 
     for beside in 0.1 * random(rng, 4, C):
         # the estimates are polynomials in errors beside those in use now

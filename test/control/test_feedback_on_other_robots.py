@@ -16,8 +16,14 @@ from denoc_ros.control.closed_loop import closed_loop, joint_loop, slow_modes, s
 from denoc_ros.control.deviation_model import DeviationModel, deviation_model
 from denoc_ros.control.feedback_design import joint_gains, joint_inertia
 from denoc_ros.control.feedback_settings import FeedbackSettings
-from denoc_ros.control.gain_schedule import GainSchedule, design
-from denoc_ros.control.model_errors import with_errors
+from denoc_ros.control.gain_schedule import LEFT_ALONE, MORE_DAMPED, GainSchedule, design
+from denoc_ros.control.model_errors import (
+    LAST_MOVING,
+    extreme_errors,
+    state_with_errors,
+    tried_errors,
+    with_errors,
+)
 from denoc_ros.control.planned_states import state_at
 from denoc_ros.control.read_values import chosen_values, read_sensors
 from denoc_ros.control.residual_modes import with_residual_modes, without_armature
@@ -160,6 +166,37 @@ def test_filter_that_knows_of_errors_is_that_of_the_robot_which_has_them() -> No
         assert left < 0.06 * np.abs(plain[:s, :s] - exact[:s, :s]).max()
 
 
+def test_a_moment_with_errors_has_the_elastic_forces_of_the_plan() -> None:
+    arm = canadarm(source=described())
+    robot = with_residual_modes(arm, arm.joint_names)
+    state = state_at(robot, robot.joint_names, START, 0.1 * LIMITS)
+    bent = robot.flexible_indices
+    state.q[bent] = 0.1 * np.random.default_rng(3).standard_normal(len(bent))
+    errors = np.array([0.2, -0.1, -0.2, 0.1])
+    other = with_errors(robot, 'tool', errors, LAST_MOVING)
+    there = state_with_errors(robot, state, errors)
+    np.testing.assert_allclose(
+        other.stiffness[bent] * there.q[bent], robot.stiffness[bent] * state.q[bent], rtol=1e-12
+    )
+    assert not np.allclose(other.stiffness[bent], robot.stiffness[bent], rtol=0.05)
+
+
+def test_a_pair_of_errors_acts_as_on_the_robot_that_has_both() -> None:
+    gains = posture().gains[0]
+    arm = canadarm(source=described())
+    robot = with_residual_modes(arm, arm.joint_names)
+    state = state_at(robot, robot.joint_names, START, 0.1 * LIMITS)
+    rows = [value.place for value in chosen_values(robot.tree, read_sensors(robot.tree))]
+    for errors in tried_errors(robot):
+        other = with_errors(robot, 'tool', errors, LAST_MOVING)
+        there = state_with_errors(robot, state, errors)
+        found = deviation_model(other, robot.joint_names, rows, 'tool', there)
+        sampled = found.damped(LEFT_ALONE, MORE_DAMPED).sampled(SETTINGS.period, SETTINGS.delay)
+        _, push = gains.with_errors(errors)
+        s = len(push)
+        np.testing.assert_allclose(push[:, -3:], sampled.b[:s], rtol=1e-6, atol=1e-15)
+
+
 @pytest.mark.long
 def test_errors_of_stiffness_and_load_at_once_are_found_on_the_way() -> None:
     planned = tip_exact(10.0, 1.0, described())
@@ -236,6 +273,47 @@ def test_robot_that_waits_for_its_motion_teaches_no_errors() -> None:
     errors = feedback.filter.errors
     assert errors is not None
     assert not errors.values.any()
+
+
+@cache
+def slower() -> tuple[Planned, GainSchedule]:
+    """Return a motion at 500 Hz and its gains."""
+    planned = tip_exact(10.0, 1.0, described(), 2e-3)
+    return planned, planned.schedule()
+
+
+def test_noise_of_the_torque_teaches_no_error_where_the_delay_is_off() -> None:
+    planned, schedule = slower()
+    feedback = StateFeedback(planned.robot, schedule)
+    truth = canadarm(0.9, 1.2, described(segments=8))
+    Loop(planned, truth, feedback, delay=1.0, waits=1.5).run(0.4)
+    errors = feedback.filter.errors
+    assert errors is not None
+    # 0.02; 0.17 where deviations are not averaged: they share the feedback's noise
+    assert abs(errors.values[2]) < 0.1
+
+
+def test_estimates_that_follow_errors_do_not_ring_at_half_the_rate() -> None:
+    planned, schedule = slower()
+    robot = with_residual_modes(planned.robot, planned.robot.joint_names)
+    for gains in schedule.gains[:: len(schedule.gains) // 8]:
+        for errors in extreme_errors(robot):
+            transition, _ = gains.with_errors(errors)
+            for correction in (gains.correction, gains.learner):
+                left = np.eye(len(transition)) - correction @ gains.measured
+                # -0.3; -1.2, unstable, with the rates' own noise
+                assert np.linalg.eigvals(transition @ left).real.min() > -0.8
+
+
+@pytest.mark.long
+def test_stiff_beams_of_other_shapes_with_more_load_are_held_at_a_lower_rate() -> None:
+    planned, schedule = slower()
+    truth = canadarm(1.2, 1.2, described('clamped-free', modes=4))
+    feedback = StateFeedback(planned.robot, schedule)
+    run = Loop(planned, truth, feedback, 2, delay=1.0, waits=2.0).run()
+    # 3 mm; 168 mm where the filter rings with the errors
+    assert run.rms < 0.006
+    assert run.after(3.0) < 0.001
 
 
 @pytest.mark.parametrize('seed', [1, 2])
@@ -348,18 +426,20 @@ def test_gauge_that_turns_over_where_strain_changes_sign_does_not_lose_the_arm()
 
 
 @pytest.mark.long
-def test_gauge_that_sticks_where_strain_changes_sign_teaches_nothing_wrong() -> None:
+@pytest.mark.parametrize('begin', [1.2, 2.0])
+def test_gauge_that_sticks_teaches_nothing_wrong(begin: float) -> None:
     planned, schedule = quick()
     loop = Loop(planned, canadarm(source=described()), StateFeedback(planned.robot, schedule))
     stuck: list[float] = []
 
     def wrong(now: float, value: float) -> float:
-        if now < 2.0:
+        if now < begin:
             return value
         stuck.append(value)
         return stuck[0]
 
-    # its neighbours are blamed as well, and the joints alone remain: 5.6 mm; 8.7 mm where the
-    # estimate is believed until a sensor is clearly faulty, 20 mm where learning goes on
+    # its neighbours are blamed as well, the joints alone remain: 4.4 mm, and 3.2 mm where strain
+    # changes sign at 2 s; 8.7 mm there where the estimate is believed until a sensor is clearly
+    # faulty, 20 mm where learning goes on; 39 mm where it goes on once the neighbours are heard
     loop.wrong = wrong
     assert loop.run(7.0).error[3500:].max() < 0.007
