@@ -31,9 +31,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--seeds', type=int, default=1, help='of noise; the worst counts')
+    parser.add_argument('--rate', type=float, default=1000.0, help='of the loop [Hz]')
+    parser.add_argument('--delay', type=float, default=1.5, help='of the torque [periods]')
+    parser.add_argument('--waits', type=float, default=0.0, help='at rest before the motion [s]')
     parser.add_argument('--beams', nargs='+', choices=BEAMS, default=list(BEAMS))
     args = parser.parse_args(arguments)
-    planned = tip_exact(source=described())
+    planned = tip_exact(source=described(), period=1.0 / args.rate)
     schedule = planned.schedule()
     print(f'| true beams | EI, load | {" | ".join(WAYS)} |  [mm]')
     for name in args.beams:
@@ -46,7 +49,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
                     used = None if way == WAYS[0] else feedback
                     loop = Loop(
                         planned, truth, used, seed, joints_alone=way == WAYS[1],
-                        hinges=HINGES if name == 'MuJoCo' else 0,
+                        hinges=HINGES if name == 'MuJoCo' else 0, delay=args.delay,
+                        waits=args.waits,
                     )  # fmt: skip
                     runs.append(loop.run())
                 moving = max(run.rms for run in runs)
