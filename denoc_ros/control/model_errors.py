@@ -37,7 +37,7 @@ LIKELY = 0.2  # standard deviation of an error before anything is measured
 LIKELY_LAST = 0.15  # of that of the last modes, which is rare
 # how much likelier than errors of that size none is, before anything is measured; and than the
 # rare one
-NONE, RARELY = 3.0, 10.0
+NONE, RARELY = 10.0, 10.0
 UNSURE = 0.01  # standard deviation of what other modes of beams show as the rare error
 # of the last modes' compliance, by a unit error: they turn a beam by a seventh, under a moment
 LAST_MODES = 4.0
