@@ -376,19 +376,21 @@ def _calm(
     share: float, settings: FeedbackSettings,
 ) -> Noise:  # fmt: skip
     """Return the noise with that of rates so large that estimates with errors are calm."""
-    stiff = robot.stiffness[robot.flexible_indices]
+    stiff, errors = robot.stiffness[robot.flexible_indices], extreme_errors(robot)
+    estimates = []
+    for model, state, by_errors in places:
+        transition, s = _ahead(model, noise, settings), 2 * model.size
+        moved = np.tile(transition, (len(errors), 1, 1))
+        for one, each in zip(moved, errors, strict=True):
+            one[:s, :s] += np.tensordot(terms(each), by_errors[..., :s], 1)
+        forces = noise.forces(state, stiff, share)
+        estimates.append((whole_rows(model, noise), transition, forces, moved))
     for factor in CALMER:
-        calmer = noise.with_rates(factor, places[0][0].joints)
-        taken = 0.0
-        for model, state, by_errors in places:
-            transition, measured = _ahead(model, calmer, settings), whole_rows(model, calmer)
-            forces = calmer.forces(state, stiff, share)
+        calmer, taken = noise.with_rates(factor, places[0][0].joints), 0.0
+        for measured, transition, forces, moved in estimates:
             correction, _ = estimator(measured, transition, calmer, forces, len(measured))
-            left, s = np.eye(len(transition)) - correction @ measured, 2 * model.size
-            for errors in extreme_errors(robot):
-                moved = transition.copy()
-                moved[:s, :s] += np.tensordot(terms(errors), by_errors[..., :s], 1)
-                taken = max(taken, -np.linalg.eigvals(moved @ left).real.min())
+            left = np.eye(len(transition)) - correction @ measured
+            taken = max(taken, -np.linalg.eigvals(moved @ left).real.min())
         if taken <= TAKEN_BACK:
             break
     return calmer

@@ -50,7 +50,7 @@ class Planned:
     qdd: Array
     torque: Array
     effort: float = 5000.0  # N m
-    period: float = PERIOD
+    period: float = PERIOD  # s
 
     @property
     def duration(self) -> float:
@@ -154,7 +154,7 @@ class Outcome:
     torque: Array
     share: Array
     moving: int  # periods of the plan's motion
-    period: float
+    period: float  # s
 
     @property
     def rms(self) -> float:
