@@ -89,6 +89,11 @@ def terms(errors: Array) -> Array:
     return np.concatenate([errors, errors[first] * errors[second]])
 
 
+def by_terms(tried: Array) -> Array:
+    """Return what makes a polynomial's terms of its values at errors (k, e): (terms, k)."""
+    return np.asarray(np.linalg.pinv(np.array([terms(errors) for errors in tried])))
+
+
 @dataclass(frozen=True)
 class PostureGains:
     """Gains of the loop at one moment of a plan.

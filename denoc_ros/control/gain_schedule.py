@@ -29,6 +29,7 @@ from denoc_ros.control.feedback_design import (
     STRAINING,
     Noise,
     PostureGains,
+    by_terms,
     earlier_cost,
     estimator,
     gain_of,
@@ -296,10 +297,8 @@ def design(
         models, *others = (
             [model.damped(LEFT_ALONE, MORE_DAMPED) for model in some] for some in (models, *others)
         )
-    by_terms = np.linalg.pinv(np.array([terms(errors) for errors in tried])) if knows else tried
-    by_errors = [
-        _by_errors(*pair, by_terms, settings) for pair in zip(models, others, strict=True)
-    ]
+    made = by_terms(tried) if knows else tried
+    by_errors = [_by_errors(*pair, made, settings) for pair in zip(models, others, strict=True)]
     if fine is not None:
         places = [(models[k], states[k], by_errors[k]) for k in chosen]
         noise = _calm(noise, robot, places, share, settings)
@@ -403,18 +402,17 @@ def _response(model: DeviationModel, settings: FeedbackSettings) -> Array:
 
 
 def _by_errors(
-    model: DeviationModel, others: Sequence[DeviationModel], by_terms: Array,
+    model: DeviationModel, others: Sequence[DeviationModel], made: Array,
     settings: FeedbackSettings,
 ) -> Array:  # fmt: skip
     """Return the change (terms, ...) of the response by errors, from robots that have some.
 
-    `by_terms` (terms, others) is the inverse of the terms of these. All are zero for robots that
-    are the model itself: a design without other modes is not stable with a filter that follows
-    the errors.
+    `made` (terms, others) is that of :func:`by_terms`. All are zero for robots that are the model
+    itself: a design without other modes is not stable with a filter that follows the errors.
     """
     exact = _response(model, settings)
     changed = np.array([_response(other, settings) - exact for other in others])
-    return np.tensordot(by_terms, changed.reshape(-1, *exact.shape), 1)
+    return np.tensordot(made, changed.reshape(-1, *exact.shape), 1)
 
 
 def _with_stable_joints(

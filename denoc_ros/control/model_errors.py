@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from denoc_ros.control.deviation_model import PlannedState
-from denoc_ros.control.feedback_design import PostureGains, terms
+from denoc_ros.control.feedback_design import PostureGains, by_terms, terms
 from denoc_ros.control.grid import differences
 from denoc_ros.control.planned_states import PlannedMotion
 from denoc_ros.control.residual_modes import MORE, is_hardened
@@ -235,9 +235,9 @@ def model_errors(
     tried = tried_errors(robot)
     count = tried.shape[1]
     exact, plans = planned(np.zeros(count)), [planned(errors) for errors in tried]
-    by_terms = np.linalg.pinv(np.array([terms(errors) for errors in tried]))
+    made = by_terms(tried)
     changed = [np.array([one[part] - exact[part] for one in plans]) for part in range(3)]
-    q, qd, torques = (np.einsum('tp,pkn->knt', by_terms, part) for part in changed)
+    q, qd, torques = (np.einsum('tp,pkn->knt', made, part) for part in changed)
     likely = np.full(count, LIKELY)
     if len(last_modes(robot)):
         likely[-2] = LIKELY_LAST
