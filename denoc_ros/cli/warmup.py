@@ -22,6 +22,7 @@ from denoc_ros.dynamics.robot_model import CONSTRAINT_KERNELS, KERNELS
 from denoc_ros.dynamics.stepper import DRIVEN_KERNELS
 from denoc_ros.errors import DenocError
 from denoc_ros.kernels import (
+    fault_bank,
     inverse,
     inverse_derivatives,
     kalman,
@@ -71,6 +72,7 @@ def kernels(loops: bool, plans: bool, feedback: bool = False) -> list[Any]:
     of_robot = CONSTRAINT_KERNELS if loops else DRIVEN_KERNELS
     found = [*KERNELS, *of_robot, inverse_derivatives.inverse_dynamics_derivatives]
     found += [kalman.take_values, kalman.predict_covariance, kalman.take_readings]
+    found += [fault_bank.advance_filters, fault_bank.compare_filters]
     found += [message_values.take_numbers, message_values.put_numbers, spline.sample_quintics]
     found += [torque_limits.saturate]
     if plans:

@@ -90,6 +90,9 @@ class AmplitudeFilter:
     stiffness, damping : (m,) arrays
     decay : float
         Factor of the loads' mean over one step.
+    linear_steps : pair of (3 m, 3 m) and (3 m, m) arrays
+        Transition of [d; d'; f] over one step, and its change by steady forces; a new pair
+        whenever the model is linearized.
 
     Notes
     -----
@@ -151,7 +154,8 @@ class AmplitudeFilter:
         self.held_mobility: Array = self.mobility
         self._bending: Array = np.zeros((m, m))  # accelerations of the amplitudes by themselves
         self._posture: Array = np.full(len(robot.joint_indices), np.inf)
-        self._omega, self.decay = 1.0, 1.0
+        self._omega, self.decay, self._still = 1.0, 1.0, np.zeros(m)
+        self.linear_steps: tuple[Array, Array] = np.eye(3 * m), self._pushed
 
     def set_floor(self, rows: Array, noise: Array) -> None:
         """Take the least deviation of the loads from sensors, rows (k, m) and their noise (k,)."""
@@ -209,44 +213,98 @@ class AmplitudeFilter:
         transition = np.linalg.solve(implicit, np.linalg.solve(implicit, explicit))
         self._transition[: 3 * m, : 3 * m] = transition[: 3 * m, : 3 * m]
         self._pushed = transition[: 3 * m, 3 * m :]
+        self.linear_steps = transition[: 3 * m, : 3 * m], self._pushed
         self.decay = float(transition[3 * m - 1, 3 * m - 1])
 
     def reset(self, q: Array, doubt: float = 1.0) -> None:
         """Start at coordinates q (n,), off by so many times the assumed initial error."""
         self._posture[:] = np.inf
         self.linearize(q)
-        m, force = self._m, doubt * self._start_force
-        energy = force * force / self.stiffness[self._first]
         self.covariance[:] = 0.0
-        self.covariance[:m, :m] = np.diag(energy / self.stiffness)
-        shared = np.sqrt(energy)
-        self.covariance[m : 2 * m, m : 2 * m] = shared[:, None] * self.mobility * shared
-        error = np.hypot(self._error * force, self._floor)
-        self.covariance[2 * m : 3 * m, 2 * m : 3 * m] = error[:, None] * self._shape * error
-        constants = slice(3 * m, self._shares.start)
+        self.covariance[: 3 * self._m, : 3 * self._m] = self.start_covariance(self._error, doubt)
+        constants = slice(3 * self._m, self._shares.start)
         self.covariance[constants, constants] = np.diag(self._constants**2)
         self.covariance[self._shares, self._shares] = self._share_covariance()
 
+    def start_covariance(self, error: float, doubt: float) -> Array:
+        """Return the covariance (3 m, 3 m) of [d; d'; f] at the start.
+
+        Parameters
+        ----------
+        error : float
+            Standard deviation of the loads as a share of the elastic forces.
+        doubt : float
+            Times the assumed initial error.
+        """
+        m, force = self._m, doubt * self._start_force
+        energy = force * force / self.stiffness[self._first]
+        covariance = np.zeros((3 * m, 3 * m))
+        covariance[:m, :m] = np.diag(energy / self.stiffness)
+        shared = np.sqrt(energy)
+        covariance[m : 2 * m, m : 2 * m] = shared[:, None] * self.mobility * shared
+        loads = np.hypot(error * force, self._floor)
+        covariance[2 * m :, 2 * m :] = loads[:, None] * self._shape * loads
+        return covariance
+
     def _share_covariance(self) -> Array:
         """Return the shares' covariance at the start; empty without shares."""
-        count = self._shares.stop - self._shares.start
+        return self.share_covariance(self._share, self._shares.stop - self._shares.start)
+
+    def share_covariance(self, error: float, count: int) -> Array:
+        """Return the covariance of steady shares: of the elastic forces, then of other forces.
+
+        Parameters
+        ----------
+        error : float
+            Standard deviation of a share.
+        count : int
+            Number of shares.
+        """
         same, m = np.eye(count), min(self._m, count)
         first = self._first[:m]
         same[:m, :m] = (first[:, None] == first) + SPREAD**2 * np.eye(m)
-        return np.asarray(self._share**2 * same)
+        return np.asarray(error**2 * same)
+
+    def envelope(self, amplitudes: Array, rates: Array) -> Array:
+        """Return the amplitudes of the present vibration, from amplitudes and rates (..., m)."""
+        return np.asarray(np.hypot(amplitudes, rates / self._omega))
+
+    def load_noise(self, envelope: Array, error: float, steps: int) -> Array:
+        """Return the covariance (m, m) that independent loads in all modes gain in some steps.
+
+        Parameters
+        ----------
+        envelope : (m,) array
+            Amplitudes of the present vibration.
+        error : float
+            Standard deviation of a load as a share of the elastic force of the first mode.
+        """
+        force = error * self.stiffness[self._first] * envelope[self._first]
+        deviation = np.hypot(force, self._floor)
+        shape = self._shape + (1.0 - SPREAD**2) * np.eye(self._m)
+        gained = (1.0 - self.decay ** (2 * steps)) * shape
+        return np.asarray(deviation[:, None] * gained * deviation)
 
     def shared(self, amplitudes: Array) -> Array:
         """Return the forces (m, m + loads) of which shares may be missing, at amplitudes (m,)."""
         return np.hstack((np.diag(self.stiffness * amplitudes), self.carried))
 
-    def predict(self, amplitudes: Array, rates: Array, steps: int = 1) -> None:
-        """Let the covariance go on by some steps at amplitudes and rates (m,)."""
+    def predict(
+        self, amplitudes: Array, rates: Array, steps: int = 1, envelope: Array | None = None
+    ) -> None:
+        """Let the covariance go on by some steps at amplitudes and rates (m,).
+
+        `envelope` (m,) has the amplitudes of the vibration that the loads are shares of; default
+        that of the amplitudes and rates.
+        """
         shares = self._shares
         if self._share:
             self._transition[: 3 * self._m, shares] = self._pushed @ self.shared(amplitudes)
             self.covariance[shares, shares] += (
                 2.0 * steps * self._step / MEMORY
             ) * self._share_covariance()
+        if envelope is not None:
+            amplitudes, rates = envelope, self._still
         self._go_on(
             self.covariance, self._transition, self._scratch, self._shape, self.stiffness,
             self._first, amplitudes, rates, self._omega, self._error, self.decay, self._floor,

@@ -16,6 +16,7 @@ from denoc_ros.dynamics.state_history import StateHistory
 from denoc_ros.dynamics.structure import composed_sensors, sensor_rows
 from denoc_ros.errors import StateError
 from denoc_ros.estimation.amplitude_filter import LARGEST, AmplitudeFilter, MeasurementModel
+from denoc_ros.estimation.sensor_faults import SensorFaults, SensorUnit
 from denoc_ros.model.sensors import inertial_values
 from denoc_ros.model.tree import Sensor
 from denoc_ros.settings import documented, require_declared, setting
@@ -24,8 +25,9 @@ from denoc_ros.types import Array
 Value = tuple[float, int, float]  # stamp, place, value
 
 WAITING = 1024  # values at most that wait for the joints' motion up to their stamps
-WIDER, MOST_DOUBT = 3.0, 1000.0  # times the error at the start, each time a sensor is believed
+BASE_HISTORY = 1024  # states by the joints alone that are kept for values that come late
 INERTIAL_SHARE = 0.1  # of the error at the start that inertial sensors alone are to find
+OUTLIERS_LAST = 0.1  # s of outliers of a trusted sensor after which the state counts as wrong
 CREEP = 0.1  # of a step, by which a sensor may come later with each value
 MOST_STEPS = 250  # a covariance older than this is started anew
 
@@ -59,7 +61,8 @@ class FusionSettings:
     )
     patience: float = setting(
         0.2,
-        'time after which a sensor that gave only outliers is trusted again; inf: never',
+        'time for which an excluded sensor must agree with the others until it is used again; '
+        'inf: never',
         's',
         positive=True,
     )
@@ -108,9 +111,11 @@ class StrainFusion:
         Shares of the elastic forces, and of those that the loads at the ends take, that the model
         leaves out beside them; empty without inertial sensors.
     counts : list of Counter
-        Per sensor of the robot: accepted, refused by cause, and how often believed again.
-    heard : (sensors,) array
-        Stamps of the newest values [s], NaN where none came.
+        Per value of the robot's sensors: accepted, and refused by cause.
+    heard, used : (sensors,) arrays
+        Stamps of the newest values, and of the newest accepted ones [s], NaN where none came.
+    faults : SensorFaults
+        Which sensors are excluded, and why.
 
     Raises
     ------
@@ -161,26 +166,40 @@ class StrainFusion:
         )
         self.filter.set_floor(self._reading.shapes, self._reading.noise)
         self._trail = StateHistory(math.ceil(max_age / step) + 2, 2 * m)
+        self._base = StateHistory(BASE_HISTORY, 2 * robot.n)  # by the joints alone
+        self._both = np.concatenate((self._flexible, robot.n + self._flexible))
+        self.faults = SensorFaults(
+            _sensor_units(robot, self.inertial.names),
+            self.filter,
+            step,
+            settings.model_error,
+            self.inertial.bias,
+            settings.patience,
+        )
+        self._has_to_follow = False  # another hypothesis of `faults`
         self._max_age = max_age
         self._waiting: list[Value] = []
         self.loads, self.biases = np.zeros(m), np.zeros(len(self.inertial.names))
         self.shares = np.zeros(m + self.inertial.loads if self.inertial.names else 0)
         self.counts: list[Counter[str]] = [Counter() for _ in self.names]
-        self.heard = np.full(len(self.names), np.nan)
+        self.heard, self.used = np.full((2, len(self.names)), np.nan)
         self._refused_since = np.full(len(self.names), np.nan)
         self._behind = np.full(len(self.names), np.nan)  # the joints, at least [s]
-        self._doubt, self._calming = 1.0, math.exp(-step / (10.0 * settings.patience))
         self._time = math.nan  # of the covariance
 
     def reset(self, time: float, q: Array, qd: Array) -> None:
         """Start at a time [s] from coordinates and rates (n,)."""
         self.loads[:] = self.biases[:] = self.shares[:] = 0.0
+        self.faults.reset()
+        self._base.clear()
         self.restart(time, q, qd)
 
     def restart(self, time: float, q: Array, qd: Array) -> None:
         """Go on after a gap: the loads stay."""
         self._waiting.clear()
         self._trail.clear()
+        self.faults.restart()
+        self._has_to_follow = False
         self.inertial.forget()
         self._refused_since[:] = np.nan
         self.filter.reset(q)
@@ -191,6 +210,15 @@ class StrainFusion:
         state = self._trail.push(time)
         state[: self._m] = q[self._flexible]
         state[self._m :] = qd[self._flexible]
+
+    def follow_joints(self, time: float, q: Array, qd: Array) -> None:
+        """Take the state (n,) by the joints alone at a time [s]."""
+        state, n = self._base.push(time), len(q)
+        state[:n], state[n:] = q, qd
+
+    def _by_joints(self, time: float) -> Array:
+        """Return amplitudes and rates (2 m,) by the joints alone at a time [s]."""
+        return np.asarray(self._base.at(time)[self._both])
 
     def follow(self, time: float, q: Array, qd: Array) -> None:
         """Take the next state (n,) of the model at a time [s], one step or so later."""
@@ -262,9 +290,55 @@ class StrainFusion:
                 self._late(inertial)
             elif inertial:
                 self._take_inertial(inertial, q, qd)
+        if self._has_to_follow:
+            self._follow_hypothesis(q)
         newest = trail.since(trail.last)[1][0]
         q[self._flexible] = newest[: self._m]
         qd[self._flexible] = newest[self._m :]
+
+    def _follow_hypothesis(self, q: Array) -> None:
+        """Go on from the estimate of the hypothesis that `faults` found, at coordinates q (n,)."""
+        self._has_to_follow = False
+        m, model, now = self._m, self.filter, self._trail.last
+        base = self._by_joints(now)
+        state, covariance = self.faults.estimate(now, base)
+        forces = np.diag(model.stiffness * state[:m])
+        known, size = 3 * m + len(self.biases), len(state)
+        model.reset(q)
+        if len(self.shares):
+            model.covariance[:size, :size] = covariance
+            self.shares[:m], self.shares[m:] = state[known:], 0.0
+        else:  # the loads take the part of the shares
+            onto = np.eye(known, size)
+            onto[2 * m : 3 * m, known:] = forces
+            model.covariance[:] = onto @ covariance @ onto.T
+            state = onto @ state
+        self.loads[:] = state[2 * m : 3 * m]
+        self.biases[:] = state[3 * m : known]
+        self._time = now
+        self._trail.clear()
+        self._trail.push(now)[:] = state[: 2 * m]
+        self._refused_since[:] = np.nan
+
+    def _check(
+        self, stamp: float, places: list[int], values: Array, rows: Array, deviations: Array
+    ) -> None:
+        """Look for faults in values of a time [s], less their parts that depend on no state."""
+        if self.faults.is_due(stamp) and len(self._base):
+            base = self._by_joints(stamp)
+            at = np.array(places)
+            if self.faults.check(stamp, at, values, rows, deviations, base):
+                self._has_to_follow = True
+
+    def _trusted(self, group: list[Value]) -> list[Value]:
+        """Return the values of a group that the estimate may use; count the others."""
+        if self.faults.uses_all:
+            return group
+        used = [value for value in group if self.faults.uses(value[1])]
+        for value in group:
+            if value not in used:
+                self.counts[value[1]]['excluded'] += 1
+        return used
 
     def _hold(self) -> float:
         """Return how long values wait for those of sensors that come later [s].
@@ -322,10 +396,21 @@ class StrainFusion:
         values += rows @ expected - rows[:, known] @ self.biases
         moved = (self._settings.timing_error + np.abs(ages)) * change
         noise = np.sqrt(inertial.noise[which] ** 2 + moved**2 + inertial.uncertain[which] ** 2)
+        # A sensor may have sent several.
+        at = list({place: k for k, (_, place, _) in enumerate(group)}.values())
+        of_model = np.ascontiguousarray(rows[at, : 4 * m + len(self.biases)])
+        # Its noise is far below the model's error of a specific force: an error as large as a
+        # bias is no fault.
+        least = np.hypot(noise[at], inertial.bias[which][at])
+        self._check(now, [group[k][1] for k in at], values[at], of_model, least)
+        kept = [k for k, value in enumerate(group) if self.faults.uses(value[1])]
+        if len(kept) < len(group):
+            group = self._trusted(group)
+            rows, noise, values = rows[kept], noise[kept], values[kept]
         state = expected.copy()
         taken = self.filter.correct_rows(rows, noise, values, self._settings.gate, state)
         for (stamp, place, _), good in zip(group, taken.tolist(), strict=True):
-            self._judge(place, stamp, good, q)
+            self._judge(place, stamp, good)
         self._spread(state - expected, now)
 
     @property
@@ -351,7 +436,13 @@ class StrainFusion:
 
     def _take(self, group: list[Value], q: Array) -> None:
         """Correct the trail from the values' stamp on, and the loads."""
-        stamp, places = group[0][0], [place for _, place, _ in group]
+        stamp = group[0][0]
+        if self.faults.is_due(stamp):
+            self._check_beams(stamp, group)
+        group = self._trusted(group)
+        if not group:
+            return
+        places = [place for _, place, _ in group]
         state = np.concatenate((self._trail.at(stamp), self.loads, self.biases, self.shares))
         self._go_on(stamp, state, q)
         lag = self._time - stamp
@@ -362,8 +453,23 @@ class StrainFusion:
             np.array(places), values, self._reading, lag, self._settings.gate, state
         )
         for place, good in zip(places, taken.tolist(), strict=True):
-            self._judge(place, stamp, good > 0.0, q)
+            self._judge(place, stamp, good > 0.0)
         self._spread(change, max(stamp, self._time))
+
+    def _check_beams(self, stamp: float, group: list[Value]) -> None:
+        """Look for faults in values of sensors on beams of a time [s]."""
+        reading, m = self._reading, self._m
+        newest = {place: value for _, place, value in group}  # a sensor may have sent several
+        places = list(newest)
+        rows = np.zeros((len(places), 4 * m + len(self.biases)))
+        rows[:, : 3 * m] = reading.moved[places]
+        rows[:, :m] += reading.shapes[places]
+        values = np.array(list(newest.values())) - reading.constant[places]
+        speed = reading.shapes[places] @ self._by_joints(stamp)[m:] if len(self._base) else 0.0
+        timing_error = max(reading.timing_error, self.faults.tuning.timing_error)
+        square = reading.noise[places] ** 2 + (timing_error * speed) ** 2
+        square += (reading.model_error * reading.beyond[places]) ** 2
+        self._check(stamp, places, values, rows, np.sqrt(square))
 
     def _go_on(self, stamp: float, state: Array, q: Array) -> None:
         """Bring the covariance to a stamp, unless it is there."""
@@ -372,25 +478,23 @@ class StrainFusion:
             self.filter.reset(q)
             self._time = stamp
         elif steps > 0:
-            self.filter.predict(state[: self._m], state[self._m : 2 * self._m], steps)
+            # The estimate's own amplitudes would let a faulty sensor raise the model's error, and
+            # with it its own weight.
+            envelope = self.faults.envelope
+            self.filter.predict(state[: self._m], state[self._m : 2 * self._m], steps, envelope)
             self._time += steps * self._step
 
-    def _judge(self, place: int, stamp: float, good: bool, q: Array) -> None:
-        """Count a value; open the gate for a sensor that has been beyond it for long."""
-        counts, since = self.counts[place], self._refused_since[place]
-        counts['accepted' if good else 'outlier'] += 1
+    def _judge(self, place: int, stamp: float, good: bool) -> None:
+        """Count a value; start again from `faults` where a trusted sensor gives only outliers."""
+        self.counts[place]['accepted' if good else 'outlier'] += 1
         if good:
-            if self._doubt > 1.0:
-                self._doubt = max(1.0, self._doubt * self._calming)
+            self.used[place] = stamp
             self._refused_since[place] = math.nan
-        elif math.isnan(since):
+        elif math.isnan(self._refused_since[place]):
             self._refused_since[place] = stamp
-        elif stamp - since >= self._settings.patience:
-            # it is what was known before that is wrong
-            counts['believed'] += 1
-            self._refused_since[place] = math.nan
-            self._doubt = min(WIDER * self._doubt, MOST_DOUBT)
-            self.filter.reset(q, self._doubt)
+        elif stamp - self._refused_since[place] >= OUTLIERS_LAST:
+            # Sensors agree with each other, since none of them is excluded: the state is wrong.
+            self._has_to_follow = True
 
     def _spread(self, change: Array, time: float) -> None:
         """Add a correction of x at a time [s] to the trail from there on, loads and biases."""
@@ -419,9 +523,23 @@ class StrainFusion:
         self.loads[:], self._refused_since[:] = other.loads, other._refused_since
         self.biases[:], self.shares[:] = other.biases, other.shares
         self.inertial.forget()
-        self.heard, self.counts, self._time = other.heard, other.counts, other._time
-        self._behind = other._behind
+        self.heard, self.used, self.counts = other.heard, other.used, other.counts
+        self._behind, self._time = other._behind, other._time
+        self.faults.adopt(other.faults)
+        self._base.adopt(other._base)
         return True
+
+
+def _sensor_units(robot: Robot, inertial: tuple[str, ...]) -> list[SensorUnit]:
+    """Return the sensors with the places of their values: on beams, then inertial ones."""
+    units = [SensorUnit(sensor.name, (place,)) for place, sensor in enumerate(robot.tree.sensors)]
+    first = len(units)
+    for sensor in robot.tree.inertial_sensors:
+        places = tuple(
+            first + k for k, name in enumerate(inertial) if name.rpartition('/')[0] == sensor.name
+        )
+        units.append(SensorUnit(sensor.name, places))
+    return units
 
 
 def _require_noise(robot: Robot, sensors: tuple[Sensor, ...]) -> None:

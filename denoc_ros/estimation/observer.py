@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -67,8 +68,6 @@ class Observer:
         The observer's own.
     deflections : TipDeflections
         The tips' displacements from amplitudes.
-    base : callable or None
-        Motion of the base at a time on the clock of `tick` [s]; None, as at first: it is at rest.
     springs : GearSpringEstimator
         The springs behind which joints are measured.
     fusion : StrainFusion or None
@@ -111,7 +110,9 @@ class Observer:
         self._held = robot.held(robot.joint_indices)
         self._tau = np.zeros(robot.n)  # efforts, and loads that sensors show
         self.fusion: StrainFusion | None = None
+        self._alone: Observer | None = None  # by the joints alone: no sensor can disturb it
         if settings.fusion is not None:
+            self._alone = Observer(robot, replace(settings, fusion=None), joints, posture)
             self.fusion = StrainFusion(
                 robot,
                 settings.step,
@@ -121,7 +122,7 @@ class Observer:
                 self._measured_accelerations,
                 self._uncertainty,
             )
-        self.base: BaseAt | None = None
+        self._base: BaseAt | None = None
         if robot.tree.sensors and not robot.tree.loops:  # nothing is made in the loop
             self.robot.beyond_shapes(self.q, self.q, self.q)
         # numbers of a measurement, as kernels take them
@@ -143,8 +144,21 @@ class Observer:
         self.late = self.repeated = self.restarts = self.unsettled = 0
         self.reset()
 
+    @property
+    def base(self) -> BaseAt | None:
+        """Motion of the base at a time on the clock of `tick` [s]; None: it is at rest."""
+        return self._base
+
+    @base.setter
+    def base(self, base: BaseAt | None) -> None:
+        self._base = base
+        if self._alone is not None:
+            self._alone.base = base
+
     def reset(self) -> None:
         """Forget the state; the next measurement starts the observer again."""
+        if self._alone is not None:
+            self._alone.reset()
         self.time = math.nan
         self._stamp = math.nan
         self._tau[:] = 0.0
@@ -188,6 +202,7 @@ class Observer:
         """
         if self.time != self.time:  # no measurement has started it
             self._start(stamp, q, qd)
+            self._measure_alone(stamp, q, qd)
             self.take_effort(effort)
             self._follow_springs((self._q, self._qd), 0.0)
             return True
@@ -198,6 +213,7 @@ class Observer:
             self.late += 1
             return False
         interval = stamp - self._stamp
+        self._measure_alone(stamp, q, qd)
         if self._simple and self.base is None and interval <= self._in_one:
             rates = q if qd is None else qd
             if self.fusion is not None:
@@ -222,6 +238,12 @@ class Observer:
         self.take_effort(effort)
         self._follow_springs(before, interval)
         return True
+
+    def _measure_alone(self, stamp: float, q: Array, qd: Array | None) -> None:
+        """Let the estimate by the joints alone take the measurement too."""
+        if self._alone is not None and self.fusion is not None:
+            self._alone.measure(stamp, q, qd)
+            self.fusion.follow_joints(stamp, self._alone._q, self._alone._qd)
 
     def _follow_springs(self, before: tuple[Array, Array], interval: float) -> None:
         """Let the springs behind measured joints go on from a state (n,) before to this one."""
@@ -309,6 +331,8 @@ class Observer:
 
     def take_effort(self, effort: Array | None) -> None:
         """Take efforts (joints,) [N m, N] in, from a measurement or another way; None: none."""
+        if self._alone is not None:
+            self._alone.take_effort(effort)
         if effort is not None:
             motion = self._filter.qd, self._filter.qdd
             self._tau[self._joints] = self.springs.gear_torque(effort, motion)
@@ -317,6 +341,8 @@ class Observer:
         """Let numbers of the model change: a function changes those of a robot."""
         change(self.robot)
         change(self._stepper.robot)
+        if self._alone is not None:
+            self._alone.retune(change)
         if self.fusion is not None:
             self.fusion.filter.retune(change)
 
@@ -326,6 +352,8 @@ class Observer:
             getattr(self, name)[:] = getattr(other, name)
         self._filter.adopt(other._filter)
         self.springs.adopt(other.springs)
+        if self._alone is not None:
+            self._alone.adopt(other if other._alone is None else other._alone)
         self.time, self._stamp = other.time, other._stamp
         if self.fusion is not None and not self.fusion.adopt(other.fusion) and self.started:
             self.fusion.reset(self._stamp, self._q, self._qd)

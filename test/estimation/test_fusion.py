@@ -170,27 +170,23 @@ def test_missing_and_wild_values_are_survived_and_counted() -> None:
     assert counts['outlier'] == pytest.approx(0.05 * sent, rel=0.15)
     assert counts['accepted'] == pytest.approx(0.95 * sent, rel=0.02)
     assert 0 < counts['not_finite'] <= 4
-    assert counts['believed'] == 0
+    assert counts['excluded'] == 0
 
 
-def test_lasting_jump_is_believed_after_patience() -> None:
+def test_jump_of_all_gauges_leaves_the_estimate_to_the_joints_until_they_agree() -> None:
     data = record('canadarm', True)
 
     def spoil(row: int, place: int, value: float) -> float | None:
-        return value + 100.0 * float(data.noise[place]) if row >= 500 else value
+        return value + 100.0 * float(data.noise[place]) if 500 <= row < 1000 else value
 
     found = observer('canadarm', data)
-    replay(found, data, spoil=spoil, ticks=690)
+    estimated = replay(found, data, spoil=spoil)
     assert found.fusion is not None
-    assert sum(found.fusion.counts, Counter())['believed'] == 0
-    assert sum(found.fusion.counts, Counter())['outlier'] == 4 * 190
-    found = observer('canadarm', data)
-    replay(found, data, spoil=spoil, ticks=1000)
-    assert found.fusion is not None
-    counts = sum(found.fusion.counts, Counter())
-    assert counts['believed'] > 0
-    shown = sensor_rows(load('canadarm')) @ found.q
-    np.testing.assert_allclose(shown, data.gauges[999] + 100 * data.noise, atol=20 * data.noise[0])
+    # the joints alone are exact here; what the jump moved the tip by until it was found is bounded
+    assert errors(found, estimated[:1000], data.deflection).max() < 0.05
+    assert sum(found.fusion.counts, Counter())['excluded'] > 4 * 400
+    assert found.fusion.faults.uses_all
+    assert errors(found, estimated[3000:], data.deflection[3000:]).max() < 0.01
 
 
 def test_values_dated_by_their_arrival_are_no_outliers() -> None:
@@ -230,7 +226,8 @@ def test_values_dated_by_their_arrival_are_no_outliers() -> None:
         share[timing_error] = counts['outlier'] / counts.total()
         error[timing_error] = float(np.median(off[40:]) / np.abs(bent).max())
     assert share.pop(0.0) > 0.5
-    assert error.pop(0.0) > 0.02
+    # outliers for long start the estimate again from that of the fault detection: it errs less
+    assert 0.01 < error.pop(0.0) < 0.02
     assert max(share.values()) < 0.02
     assert max(error.values()) < 0.02
 
