@@ -83,6 +83,7 @@ class BackgroundWriter:
             and 0 < flush_period < float('inf')
             and min_free_space >= 0
         ):
+            bag.close()
             raise BagError(
                 f'{bag.path}: queue_size, queue_bytes and flush_period must be > 0, '
                 f'min_free_space >= 0, '

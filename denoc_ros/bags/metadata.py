@@ -109,21 +109,32 @@ def metadata_text(topics: Sequence[Topic], files: Sequence[FileContents]) -> str
 def write_metadata(folder: Path, text: str) -> None:
     """Put metadata.yaml into a folder, whole or not at all."""
     unfinished = folder / f'.{METADATA_NAME}.tmp'
-    with unfinished.open('w', encoding='utf-8') as stream:
-        stream.write(text)
-        stream.flush()
-        os.fsync(stream.fileno())
-    unfinished.replace(folder / METADATA_NAME)
+    try:
+        with unfinished.open('w', encoding='utf-8') as stream:
+            stream.write(text)
+            stream.flush()
+            os.fsync(stream.fileno())
+        unfinished.replace(folder / METADATA_NAME)
+    finally:
+        unfinished.unlink(missing_ok=True)
+    # The names of the bag's files are in the folder, which the disk has apart from the files.
+    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
 
 
 def named_files(folder: Path) -> set[str]:
-    """Return the names of the files that metadata.yaml names; none where it cannot be read."""
+    """Return the names of the files that metadata.yaml names; ConfigError where it is damaged."""
+    file = folder / METADATA_NAME
+    content = read_yaml_file(file)
     try:
-        content = read_yaml_file(folder / METADATA_NAME)
         paths = content['rosbag2_bagfile_information']['relative_file_paths']
         return {Path(path).name for path in paths}
-    except (ConfigError, KeyError, TypeError):
-        return set()
+    except (KeyError, TypeError) as error:
+        rule = f'the file must name the files of the bag, got {content!r:.60}'
+        raise ConfigError(str(file), [rule]) from error
 
 
 def _topic_row(topic: Topic) -> dict[str, str]:

@@ -19,8 +19,8 @@ from rosbags.interfaces import MessageDefinitionFormat
 from denoc_ros.bags.definitions import decode, message_types
 from denoc_ros.bags.metadata import METADATA_NAME, Qos, named_files
 from denoc_ros.bags.rosbags_bounds import AnyReader
-from denoc_ros.bags.storage import MAGIC, decompressed, require_bounded_chunks
-from denoc_ros.errors import BagError
+from denoc_ros.bags.storage import MAGIC, decompressed, is_mcap, require_bounded_chunks
+from denoc_ros.errors import BagError, ConfigError
 from denoc_ros.settings import parameter
 from denoc_ros.types import Stamps
 
@@ -298,7 +298,8 @@ def require_readable(path: Path) -> Path:
         return _require_finished_folder(path)
     if path.suffix not in ('.mcap', '.db3'):
         raise BagError(f'{path}: bag must be a rosbag2 folder, a .mcap or a .db3 file')
-    if path.suffix == '.mcap' and not _is_finished(path):
+    # What does not even begin as MCAP is not unfinished but something else.
+    if path.suffix == '.mcap' and is_mcap(path) and not _is_finished(path):
         raise BagError(_unfinished(path))
     return path
 
@@ -308,7 +309,10 @@ def mcap_files(source: Path) -> list[Path]:
     if not source.is_dir():
         return [source]
     found = sorted(source.glob('*.mcap'))
-    named = named_files(source)
+    try:
+        named = named_files(source)
+    except ConfigError:
+        return found
     # the recorder leaves out what somebody spoiled
     return [part for part in found if part.name in named] or found
 
@@ -317,6 +321,12 @@ def _require_finished_folder(folder: Path) -> Path:
     parts = mcap_files(folder)
     unfinished = [part for part in parts if not _is_finished(part)]
     if (folder / METADATA_NAME).is_file() and not unfinished:
+        try:
+            named_files(folder)
+        except ConfigError as error:
+            raise BagError(
+                f'{error}; run: denoc recover {folder}' if parts else str(error)
+            ) from error
         return folder
     if parts:
         raise BagError(_unfinished(folder))
@@ -331,7 +341,7 @@ def _require_finished_folder(folder: Path) -> Path:
 
 def _unfinished(path: Path) -> str:
     return (
-        f'{path}: bag must be finished, got one whose recording was cut off; '
+        f'{path}: bag must be finished, got one that was cut off or damaged; '
         f'run: denoc recover {path}'
     )
 
@@ -341,8 +351,7 @@ def _is_finished(path: Path) -> bool:
         with path.open('rb') as stream:
             start = stream.read(len(MAGIC))
             stream.seek(max(path.stat().st_size - len(MAGIC), 0))
-            # what does not even begin as MCAP is not unfinished but something else
-            return stream.read() == MAGIC or start != MAGIC
+            return start == stream.read() == MAGIC
     except OSError as error:
         raise BagError(f'{path}: bag must be readable, got: {error.strerror}') from error
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import closing, suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NoReturn
@@ -41,7 +42,8 @@ class BagWriter:
 
     Notes
     -----
-    What was written before the last `flush` survives a kill of the process (`denoc recover`).
+    What was written before the last `flush` survives a kill of the process (`denoc recover`); a
+    file that is followed by another, or that is closed, survives a loss of power.
     When the disk refuses a write, BagError says so and the file is closed, whole up to the last
     flush. `check` notices a file that is deleted, moved, replaced or cut while it is written, and
     goes on in another; and finished files that are gone or cut.
@@ -63,11 +65,9 @@ class BagWriter:
         self._attachments: dict[str, tuple[str, bytes, int]] = {}
         self._finished: list[FileContents] = []
         self._losses: list[Loss] = []
-        self._begun = 0
         self._file: McapFile | None = None
         try:
-            self._place = self._make_place()
-            self._file = self._next_file()
+            self._file = self._first_file()
         except FileExistsError as error:
             raise BagError(
                 f'{self.path}: output must not exist yet, got an existing one'
@@ -207,7 +207,9 @@ class BagWriter:
             raise BagError(f'{self.path}: a bag that splits must be a folder, got a bare file')
         try:
             if not self.check():
+                file = self._open_file()
                 self._finish_file()
+                file.close()
                 self._begin_file(self._next_file())
         except OSError as error:
             self._give_up(error)
@@ -236,15 +238,18 @@ class BagWriter:
 
         Metadata.yaml names the files that are still there; `losses` has the others.
         """
-        if self._file is None:
+        file = self._file
+        if file is None:
             return
         try:
-            if cause := self._file.displacement():
-                self._lose(self._file, cause)
+            if cause := file.displacement():
+                self._lose(file, cause)
             else:
                 self._finish_file()
-            self._lose_finished()
-            self._write_metadata()
+            # The disk may take long to have the file: a kill meanwhile leaves a whole bag.
+            with closing(file):
+                self._lose_finished()
+                self._write_metadata()
         except OSError as error:
             self._give_up(error)
 
@@ -266,6 +271,18 @@ class BagWriter:
         folder = self.path.parent if self._bare else self.path
         folder.mkdir(parents=True, exist_ok=self._bare)
         return Identity.of(folder.stat())
+
+    def _first_file(self) -> McapFile:
+        """Make the folder, and return its first file; neither stays where the disk refuses."""
+        self._place = self._make_place()
+        self._begun = 0
+        try:
+            return self._next_file()
+        except OSError:
+            if not self._bare:
+                with suppress(OSError):
+                    self.path.rmdir()
+            raise
 
     def _next_file(self) -> McapFile:
         if self._bare:
@@ -295,9 +312,7 @@ class BagWriter:
         for path in free_paths(self._wanted, '.mcap' if self._bare else ''):
             self.path = path
             try:
-                self._place = self._make_place()
-                self._begun = 0
-                return self._next_file()
+                return self._first_file()
             except FileExistsError:
                 continue
         raise AssertionError('names by time do not end')

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import os
 import resource
 import subprocess
 import sys
@@ -19,6 +21,7 @@ from rosbags.rosbag2 import Reader
 from denoc_ros.bags.definitions import encode, message_definition
 from denoc_ros.bags.metadata import Qos
 from denoc_ros.bags.reader import read_attachment, read_bag
+from denoc_ros.bags.storage import DiskFile
 from denoc_ros.bags.writer import BagWriter
 from denoc_ros.errors import BagError
 
@@ -273,6 +276,7 @@ import resource, sys
 from pathlib import Path
 sys.path.insert(0, sys.argv[2])
 from test_bag_writer import write_joint_states
+from denoc_ros.bags.storage import DiskFile
 from denoc_ros.bags.writer import BagWriter
 from denoc_ros.errors import BagError
 resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[3]), resource.RLIM_INFINITY))
@@ -297,3 +301,85 @@ def test_refusing_disk_leaves_a_whole_bag_up_to_the_last_flush(tmp_path: Path, l
     assert count % 100 == 0
     assert f'closed with {count} messages, the last 100 are lost' in done.stdout
     assert resource.getrlimit(resource.RLIMIT_FSIZE)[0] == resource.RLIM_INFINITY
+
+
+def refuse_writes(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+    """Let the disk take no byte of files of a name."""
+    write = DiskFile.write
+
+    def refuse(disk: DiskFile, block: bytes) -> int:
+        if Path(f'/proc/self/fd/{disk._descriptor}').readlink().name == name:
+            raise OSError(errno.ENOSPC, 'No space left on device')
+        return write(disk, block)
+
+    monkeypatch.setattr(DiskFile, 'write', refuse)
+
+
+def open_files() -> int:
+    return len(os.listdir('/proc/self/fd'))
+
+
+@pytest.mark.parametrize('name', ['run_0.mcap', 'run.mcap'])
+def test_a_disk_without_room_for_a_first_file_keeps_nothing_of_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    refuse_writes(monkeypatch, name)
+    before = open_files()
+    with pytest.raises(BagError, match='output must be writable, got: No space left on device'):
+        BagWriter(tmp_path / ('run' if '_' in name else name))
+    assert list(tmp_path.iterdir()) == []
+    assert open_files() == before
+
+
+def test_a_disk_that_is_full_at_a_split_keeps_a_whole_bag_and_no_stub(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before = open_files()
+    writer = BagWriter(tmp_path / 'run')
+    write_joint_states(writer, 10)
+    refuse_writes(monkeypatch, 'run_1.mcap')
+    with pytest.raises(BagError, match='closed with 10 messages, the last 0 are lost'):
+        writer.split()
+    assert open_files() == before
+    assert {file.name for file in (tmp_path / 'run').iterdir()} == {'run_0.mcap', 'metadata.yaml'}
+    assert len(list(read_bag(tmp_path / 'run'))) == 10
+
+
+def test_a_finished_file_and_its_name_are_on_the_disk(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    synced: list[tuple[str, int]] = []
+
+    def note(descriptor: int) -> None:
+        path = Path(f'/proc/self/fd/{descriptor}').readlink()
+        synced.append((path.name, path.stat().st_size))
+
+    monkeypatch.setattr(os, 'fsync', note)
+    run = tmp_path / 'run'
+    with BagWriter(run) as writer:
+        write_joint_states(writer, 10)
+        writer.split()
+        assert synced == [('run_0.mcap', (run / 'run_0.mcap').stat().st_size)]
+        synced.clear()
+    names = [name for name, _ in synced]
+    # Metadata come first: a process that is killed while the disk is slow keeps a whole bag.
+    assert names == ['.metadata.yaml.tmp', 'run', 'run_1.mcap']
+    assert synced[-1][1] == (run / 'run_1.mcap').stat().st_size
+
+
+@pytest.mark.parametrize('end', ['split', 'close'])
+def test_a_disk_that_fails_to_keep_a_finished_file_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, end: str
+) -> None:
+    before = open_files()
+    writer = BagWriter(tmp_path / 'run')
+    write_joint_states(writer, 10)
+
+    def fail(_descriptor: int) -> None:
+        raise OSError(errno.EIO, 'Input/output error')
+
+    monkeypatch.setattr(os, 'fsync', fail)
+    with pytest.raises(BagError, match='disk must take what is recorded, got: Input/output error'):
+        getattr(writer, end)()
+    assert open_files() == before
+    assert not (tmp_path / 'run' / '.metadata.yaml.tmp').exists()
