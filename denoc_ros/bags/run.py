@@ -137,7 +137,7 @@ class RecordedTopics:
 
     def _interval(self, phase: Mapping[str, Any]) -> Interval:
         """Return a phase as its session noted it; an unfinished one says so by its name."""
-        end = phase['end_ns']
+        end = phase.get('end_ns')
         begin = self._seconds(phase['begin_ns'])
         if end is None:
             return Interval(f'{phase["name"]} {UNFINISHED}', begin, np.inf)

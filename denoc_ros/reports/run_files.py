@@ -3,25 +3,19 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import BagError
+from denoc_ros.model.mapping_reader import MappingReader, are_numbers, is_number
 
 EARTH = (0.0, 0.0, -9.81)  # m/s^2, where nothing is said
 FORMATS = ('.mcap', '.db3', '.csv', '.tsv', '.txt', '.dat', '.mat', '.json')
 BAG_FOLDER = 'bag'
 SESSION_FILE = 'session.json'
-SESSION_KINDS: dict[str, type] = {
-    **dict.fromkeys(
-        ('kind', 'name', 'robot', 'tip', 'command', 'scenario', 'failure', 'beams'), str
-    ),
-    **dict.fromkeys(('model', 'plant', 'versions', 'time'), dict),
-    **dict.fromkeys(('gravity', 'phases'), list),
-    'geometric_stiffness': bool,
-}
+LATEST_NS = 2**63  # stamps of messages and bags are below [ns]
 SIMULATED = 'simulate'  # kind of a session
 STEPPED = 'simulated'  # mode of a session's time
 
@@ -56,7 +50,17 @@ def plant_of(robot: Robot, session: Mapping[str, Any]) -> Robot:
 
 
 def read_session(run_path: Path) -> dict[str, Any]:
-    """Session document of a run's directory, or of a bag of `denoc simulate`; else empty."""
+    """Return the session document of a run's directory, or of a bag of `denoc simulate`.
+
+    It is empty where there is none.
+
+    Raises
+    ------
+    BagError
+        It is no JSON.
+    ConfigError
+        Its values are of other kinds than those that sessions have; every finding.
+    """
     from denoc_ros.bags.reader import SESSION_ATTACHMENT, read_attachment
 
     file = run_path / SESSION_FILE
@@ -69,13 +73,78 @@ def read_session(run_path: Path) -> dict[str, Any]:
         return {}
     try:
         session = json.loads(text)
+        # Python's JSON has numbers and characters that no page and no other JSON can have.
+        json.dumps(session, allow_nan=False, ensure_ascii=False).encode()
     except (ValueError, RecursionError) as error:
         raise BagError(f'{run_path}: {SESSION_FILE} must be JSON, got: {error}') from error
-    kinds = [(name, SESSION_KINDS.get(name)) for name in session if isinstance(session, dict)]
-    wrong = [name for name, kind in kinds if kind and not isinstance(session[name], kind)]
-    if wrong or not isinstance(session, dict):
-        raise BagError(
-            f'{run_path}: {SESSION_FILE} must be what denoc up or simulate wrote, got other '
-            f'values: {", ".join(wrong) or repr(session)[:60]}'
-        )
-    return session
+    reader = _SessionReader()
+    document = reader.session(session)
+    reader.finish(f'{run_path}: {SESSION_FILE}')
+    return document
+
+
+class _SessionReader(MappingReader):
+    """Checks the document that a session or a simulation wrote, as far as it is read."""
+
+    def session(self, document: Any) -> dict[str, Any]:
+        """Return the values that are given: null gives none."""
+        given = self.mapping('the document', document).items()
+        values = {name: value for name, value in given if value is not None}
+        self._check('', values, SESSION_RULES)
+        for name in ('model', 'plant'):
+            self._all(name, values, NUMBERS)
+        self._all('versions', values, TEXT)
+        self._check('time.', self.mapping('time', values.get('time')), TIME_RULES)
+        phases = values.get('phases', [])
+        if not isinstance(phases, list):
+            self.fail('phases', 'be a list', phases)
+            return values
+        for k, phase in enumerate(phases):
+            self._phase(f'phases[{k}]', phase)
+        return values
+
+    def _phase(self, whose: str, phase: Any) -> None:
+        values = self.mapping(whose, phase)
+        self._check(f'{whose}.', {**dict.fromkeys(PHASE_RULES), **values}, PHASE_RULES)
+        begin_ns, end_ns = values.get('begin_ns'), values.get('end_ns')
+        if _is_stamp(begin_ns) and _is_stamp(end_ns) and end_ns < begin_ns:
+            self.fail(f'{whose}.end_ns', f'be {begin_ns} or more', end_ns)
+
+    def _all(self, name: str, values: Mapping[str, Any], rule: Rule) -> None:
+        """Find values of a mapping that break a rule."""
+        inside = self.mapping(name, values.get(name))
+        self._check(f'{name}.', inside, dict.fromkeys(inside, rule))
+
+    def _check(self, whose: str, values: Mapping[str, Any], rules: Mapping[str, Rule]) -> None:
+        """Find values that break the rule of their name."""
+        for name, (is_good, words) in rules.items():
+            if name in values and not is_good(values[name]):
+                self.fail(f'{whose}{name}', f'be {words}', values[name])
+
+
+def _is_stamp(value: Any) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool) and 0 <= value < LATEST_NS
+
+
+Rule = tuple[Callable[[Any], bool], str]
+TEXT: Rule = (lambda value: isinstance(value, str), 'a text')
+STAMP: Rule = (_is_stamp, 'a whole number of ns from 0 to 2^63')
+NUMBERS: Rule = (lambda value: is_number(value) or are_numbers(value), 'a finite number or some')
+SESSION_RULES: dict[str, Rule] = {
+    **dict.fromkeys(
+        ('kind', 'name', 'robot', 'tip', 'command', 'scenario', 'failure', 'beams'), TEXT
+    ),
+    'gravity': (
+        lambda value: are_numbers(value) and len(value) == 3,
+        'three finite numbers [m/s^2]',
+    ),
+    'geometric_stiffness': (lambda value: isinstance(value, bool), 'true or false'),
+}
+TIME_RULES: dict[str, Rule] = {
+    'mode': TEXT, 'why': TEXT, 'begun_ns': STAMP, 'factor': (is_number, 'a finite number'),
+}  # fmt: skip
+PHASE_RULES: dict[str, Rule] = {
+    'name': TEXT,
+    'begin_ns': STAMP,
+    'end_ns': (lambda value: value is None or _is_stamp(value), f'null or {STAMP[1]}'),
+}
