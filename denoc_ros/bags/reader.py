@@ -17,7 +17,7 @@ from mcap.records import Chunk, ChunkIndex
 from rosbags.interfaces import MessageDefinitionFormat
 
 from denoc_ros.bags.definitions import decode, message_types
-from denoc_ros.bags.metadata import METADATA_NAME, Qos, named_files
+from denoc_ros.bags.metadata import METADATA_NAME, ChannelKey, Qos, named_files
 from denoc_ros.bags.rosbags_bounds import AnyReader
 from denoc_ros.bags.storage import MAGIC, decompressed, is_mcap, require_bounded_chunks
 from denoc_ros.errors import BagError, ConfigError
@@ -35,6 +35,7 @@ STAMP = parameter(
 DESCRIPTION_ATTACHMENT = 'robot_description.urdf'
 SESSION_ATTACHMENT = 'session.json'  # what a simulated run was
 DESCRIPTION_TOPIC = 'robot_description'
+TEXT = 'std_msgs/msg/String'
 RawMessage = tuple[str, str, int, bytes]  # topic, type, log time [ns], CDR
 
 _RECORD = struct.Struct('<BQ')  # opcode and length
@@ -70,7 +71,10 @@ class RecordedTopic:
 
 @dataclass(frozen=True)
 class BagContents:
-    """Content of a bag: topics, number of messages, first and last log time [ns]."""
+    """Content of a bag: topics, number of messages, first and last log time [ns].
+
+    A topic whose type changed is there once for each type.
+    """
 
     topics: tuple[RecordedTopic, ...]
     messages: int
@@ -125,10 +129,11 @@ def read_raw(path: str | Path, topics: Collection[str] | None = None) -> Iterato
 def bag_contents(path: str | Path) -> BagContents:
     """Return the contents of a bag without reading its messages; errors as `read_bag`."""
     with _open(Path(path)) as reader:
-        topics: dict[str, RecordedTopic] = {}
+        topics: dict[ChannelKey, RecordedTopic] = {}
         for connection in reader.connections:
-            known = topics.get(connection.topic)
-            topics[connection.topic] = _recorded(connection, known.messages if known else 0)
+            key = connection.topic, connection.msgtype
+            known = topics.get(key)
+            topics[key] = _recorded(connection, known.messages if known else 0)
         spans = reader.message_count > 0
         return BagContents(
             tuple(topics.values()),
@@ -139,7 +144,10 @@ def bag_contents(path: str | Path) -> BagContents:
 
 
 def bag_topics(path: str | Path) -> dict[str, str]:
-    """Return the message type of each topic of a bag; errors as `read_bag`."""
+    """Return the message type of each topic of a bag, the last one of a topic that has several.
+
+    Errors as `read_bag`.
+    """
     return {topic.name: topic.type for topic in bag_contents(path).topics}
 
 
@@ -173,7 +181,8 @@ def read_description(path: str | Path) -> str:
         return read_attachment(path, DESCRIPTION_ATTACHMENT).decode()
     except BagError:
         topics = [topic for topic in bag_topics(path) if topic.endswith(DESCRIPTION_TOPIC)]
-        published = [str(item.message.data) for item in read_bag(path, topics) if topics]
+        items = read_bag(path, topics) if topics else iter(())
+        published = [str(item.message.data) for item in items if item.type == TEXT]
         return published[-1] if published else ''
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import filecmp
 import re
 import shutil
-from collections import Counter
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -14,7 +13,14 @@ from pathlib import Path
 from mcap.records import Attachment, Channel, Message, Metadata, Schema
 from mcap.writer import Writer
 
-from denoc_ros.bags.metadata import FileContents, Topic, metadata_text, write_metadata
+from denoc_ros.bags.metadata import (
+    ChannelKey,
+    FileContents,
+    Topic,
+    metadata_text,
+    topic_counts,
+    write_metadata,
+)
 from denoc_ros.bags.storage import CompleteRecords, DiskFile, is_mcap, library_name
 from denoc_ros.errors import BagError
 
@@ -34,7 +40,7 @@ class Recovered:
     @property
     def counts(self) -> dict[str, int]:
         """Messages by topic."""
-        return dict(sum((part.counts for part in self.files), Counter[str]()))
+        return dict(topic_counts(self.files))
 
     @property
     def messages(self) -> int:
@@ -160,7 +166,7 @@ class _Copy:
         self.topics: list[Topic] = []
         self._schemas: dict[int, int] = {0: 0}
         self._types: dict[int, str] = {0: ''}
-        self._channels: dict[int, tuple[int, str]] = {}
+        self._channels: dict[int, tuple[int, ChannelKey]] = {}
         with source.open('rb') as stream:
             disk = DiskFile(target)
             try:
@@ -206,17 +212,16 @@ class _Copy:
         number = self._writer.register_channel(
             record.topic, record.message_encoding, self._schemas[record.schema_id], record.metadata
         )
-        self._channels[record.id] = (number, record.topic)
         qos = record.metadata.get('offered_qos_profiles', '')
-        self.topics.append(
-            Topic(record.topic, self._types[record.schema_id], qos, record.message_encoding)
-        )
+        topic = Topic(record.topic, self._types[record.schema_id], qos, record.message_encoding)
+        self._channels[record.id] = (number, topic.key)
+        self.topics.append(topic)
 
     def _take_message(self, record: Message) -> None:
         if record.channel_id not in self._channels:
             return
-        number, topic = self._channels[record.channel_id]
+        number, channel = self._channels[record.channel_id]
         self._writer.add_message(
             number, record.log_time, record.data, record.publish_time, record.sequence
         )
-        self.contents.add(topic, record.log_time)
+        self.contents.add(channel, record.log_time)

@@ -43,7 +43,7 @@ from mcap.records import (
 from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import CompressionType, Writer
 
-from denoc_ros.bags.metadata import FileContents, Topic
+from denoc_ros.bags.metadata import ChannelKey, FileContents, Topic
 from denoc_ros.errors import BagError
 
 COMPRESSIONS = {
@@ -148,7 +148,7 @@ class McapFile:
             self._disk, chunk_size=chunk_size, compression=COMPRESSIONS[compression]
         )
         self._schemas: dict[str, Schema] = {}
-        self._channels: dict[str, Channel] = {}
+        self._channels: dict[ChannelKey, Channel] = {}
         self._complete = 0
         try:
             self._writer.start('ros2', library_name())
@@ -174,7 +174,7 @@ class McapFile:
         schema = self._schemas[topic.type].id
         metadata = {'offered_qos_profiles': topic.qos}
         number = self._writer.register_channel(topic.name, topic.encoding, schema, metadata)
-        self._channels[topic.name] = Channel(
+        self._channels[topic.key] = Channel(
             id=number,
             topic=topic.name,
             message_encoding=topic.encoding,
@@ -182,11 +182,11 @@ class McapFile:
             schema_id=schema,
         )
 
-    def write(self, topic: str, stamp_ns: int, raw: bytes, publish_ns: int) -> None:
+    def write(self, channel: ChannelKey, stamp_ns: int, raw: bytes, publish_ns: int) -> None:
         """Append one message as it came from the wire."""
-        sequence = self.contents.counts[topic] & 0xFFFFFFFF
-        self._writer.add_message(self._channels[topic].id, stamp_ns, raw, publish_ns, sequence)
-        self.contents.add(topic, stamp_ns)
+        sequence = self.contents.counts[channel] & 0xFFFFFFFF
+        self._writer.add_message(self._channels[channel].id, stamp_ns, raw, publish_ns, sequence)
+        self.contents.add(channel, stamp_ns)
 
     def attach(self, name: str, media_type: str, content: bytes, stamp_ns: int) -> None:
         """Append an attachment."""
@@ -322,13 +322,16 @@ def is_mcap(path: Path) -> bool:
 def count_messages(path: Path) -> FileContents:
     """Return the content of the complete part of a file."""
     contents = FileContents(path.name)
-    topics: dict[int, str] = {}
+    types: dict[int, str] = {}
+    channels: dict[int, ChannelKey] = {}
     with path.open('rb') as stream:
         for record in CompleteRecords(stream):
-            if isinstance(record, Channel):
-                topics[record.id] = record.topic
-            elif isinstance(record, Message) and record.channel_id in topics:
-                contents.add(topics[record.channel_id], record.log_time)
+            if isinstance(record, Schema):
+                types[record.id] = record.name
+            elif isinstance(record, Channel):
+                channels[record.id] = record.topic, types.get(record.schema_id, '')
+            elif isinstance(record, Message) and record.channel_id in channels:
+                contents.add(channels[record.channel_id], record.log_time)
     return contents
 
 

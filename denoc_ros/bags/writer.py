@@ -9,6 +9,7 @@ from typing import Any, NoReturn
 
 from denoc_ros.bags.definitions import encode, message_definition
 from denoc_ros.bags.metadata import (
+    ChannelKey,
     FileContents,
     Qos,
     Topic,
@@ -61,7 +62,8 @@ class BagWriter:
         self._compression = compression
         self._max_size = max_bag_size
         self._max_duration_ns = round(max_bag_duration * 1e9)
-        self._topics: dict[str, tuple[Topic, str]] = {}
+        self._topics: dict[ChannelKey, tuple[Topic, str]] = {}
+        self._types: dict[str, str] = {}  # of each topic the one that was added last
         self._attachments: dict[str, tuple[str, bytes, int]] = {}
         self._finished: list[FileContents] = []
         self._losses: list[Loss] = []
@@ -122,6 +124,8 @@ class BagWriter:
     ) -> None:
         """Add a topic; adding it again with the same type changes nothing.
 
+        A topic has a channel for each of its types, and messages that follow are of the last one.
+
         Parameters
         ----------
         qos : tuple of Qos
@@ -129,23 +133,24 @@ class BagWriter:
         definition : str
             ros2msg text with all dependencies; looked up by type when empty.
         """
-        known = self._topics.get(name)
-        if known is None:
-            entry = (
-                Topic(name, type_name, qos_text(qos)),
-                definition or message_definition(type_name),
-            )
+        topic = Topic(name, type_name, qos_text(qos))
+        if topic.key not in self._topics:
+            entry = topic, definition or message_definition(type_name)
             try:
                 self._open_file().add_topic(*entry)
             except OSError as error:
                 self._give_up(error)
-            self._topics[name] = entry
-        elif known[0].type != type_name:
-            raise BagError(
-                f'{self.path}: topic {name} must keep its type {known[0].type}, got {type_name}'
-            )
+            self._topics[topic.key] = entry
+        self._types[name] = type_name
 
-    def write(self, topic: str, stamp_ns: int, raw: bytes, publish_ns: int | None = None) -> None:
+    def write(
+        self,
+        topic: str,
+        stamp_ns: int,
+        raw: bytes,
+        publish_ns: int | None = None,
+        type_name: str = '',
+    ) -> None:
         """Append a message, its CDR bytes unparsed.
 
         Parameters
@@ -156,16 +161,21 @@ class BagWriter:
             CDR with its 4 bytes of encapsulation.
         publish_ns : int, optional
             When it was sent [ns]; default: the log time.
+        type_name : str, optional
+            Its type; default: the one with which the topic was added last.
         """
-        if topic not in self._topics:
-            raise BagError(f'{self.path}: topic {topic} must be added before messages are written')
+        channel = topic, type_name or self._type(topic)
+        if channel not in self._topics:
+            raise BagError(
+                f'{self.path}: topic {topic} must be added as {channel[1]} before, got none'
+            )
         if stamp_ns < 0:
             raise BagError(f'{self.path}: stamp on {topic} must be >= 0 ns, got {stamp_ns}')
         if self._due(stamp_ns):
             self.split()
         sent = stamp_ns if publish_ns is None else publish_ns
         try:
-            self._open_file().write(topic, stamp_ns, raw, sent)
+            self._open_file().write(channel, stamp_ns, raw, sent)
         except OSError as error:
             self._give_up(error)
 
@@ -175,9 +185,12 @@ class BagWriter:
         A type with a header gets `stamp_ns` as its stamp unless `header` is given; fields left out
         are zero or empty. Otherwise as `write`.
         """
-        if topic not in self._topics:
+        self.write(topic, stamp_ns, encode(self._type(topic), stamp_ns, fields))
+
+    def _type(self, topic: str) -> str:
+        if topic not in self._types:
             raise BagError(f'{self.path}: topic {topic} must be added before messages are written')
-        self.write(topic, stamp_ns, encode(self._topics[topic][0].type, stamp_ns, fields))
+        return self._types[topic]
 
     def attach(
         self,
