@@ -35,6 +35,7 @@ STAMP = parameter(
 DESCRIPTION_ATTACHMENT = 'robot_description.urdf'
 SESSION_ATTACHMENT = 'session.json'  # what a simulated run was
 DESCRIPTION_TOPIC = 'robot_description'
+SESSION_DESCRIPTION_TOPIC = '/up/robot_description'  # of the nodes of a session alone
 TEXT = 'std_msgs/msg/String'
 RawMessage = tuple[str, str, int, bytes]  # topic, type, log time [ns], CDR
 
@@ -181,6 +182,8 @@ def read_description(path: str | Path) -> str:
         return read_attachment(path, DESCRIPTION_ATTACHMENT).decode()
     except BagError:
         topics = [topic for topic in bag_topics(path) if topic.endswith(DESCRIPTION_TOPIC)]
+        if SESSION_DESCRIPTION_TOPIC in topics:
+            topics = [SESSION_DESCRIPTION_TOPIC]
         items = read_bag(path, topics) if topics else iter(())
         published = [str(item.message.data) for item in items if item.type == TEXT]
         return published[-1] if published else ''

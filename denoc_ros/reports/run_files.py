@@ -95,18 +95,23 @@ class _SessionReader(MappingReader):
             self._all(name, values, NUMBERS)
         self._all('versions', values, TEXT)
         self._check('time.', self.mapping('time', values.get('time')), TIME_RULES)
-        phases = values.get('phases', [])
-        if not isinstance(phases, list):
-            self.fail('phases', 'be a list', phases)
-            return values
-        for k, phase in enumerate(phases):
-            self._phase(f'phases[{k}]', phase)
+        for name, check in (('phases', self._phase), ('notes', self._note)):
+            entries = values.get(name, [])
+            if not isinstance(entries, list):
+                self.fail(name, 'be a list', entries)
+                continue
+            for k, entry in enumerate(entries):
+                check(f'{name}[{k}]', entry)
         return values
+
+    def _note(self, whose: str, note: Any) -> None:
+        self._check('', {whose: note}, {whose: TEXT})
 
     def _phase(self, whose: str, phase: Any) -> None:
         values = self.mapping(whose, phase)
         self._check(f'{whose}.', {**dict.fromkeys(PHASE_RULES), **values}, PHASE_RULES)
-        begin_ns, end_ns = values.get('begin_ns'), values.get('end_ns')
+        begin_ns: Any = values.get('begin_ns')
+        end_ns: Any = values.get('end_ns')
         if _is_stamp(begin_ns) and _is_stamp(end_ns) and end_ns < begin_ns:
             self.fail(f'{whose}.end_ns', f'be {begin_ns} or more', end_ns)
 
