@@ -61,6 +61,7 @@ HEARING = 10.0  # s until a feedforward hears a plant that was started
 WORDS = 2  # reports, one a second, between which a node looks around twice
 GRAPH = 60.0  # s of wall time until a recorder has found all topics
 REHEARSAL_FOLDER = 'rehearsal'  # where a recorder writes meanwhile: nobody reads it
+GONE = 30.0  # s until the middleware has forgotten a process that was killed
 OTHER_ROBOT = (
     '/robot_description: description must be that of {}, got another robot from another node; '
     "the session's nodes have the configured one"
@@ -146,10 +147,15 @@ class Session:
                 self._await_feedforward()
             self._run_phase(phase)
 
-    def _begin(self) -> None:
-        """Start all nodes, and wait until they hear each other."""
+    def _begin(self, patience: float = 0.0) -> None:
+        """Start all nodes, and wait until they hear each other.
+
+        A busy machine may find the nodes of another session only now. Nodes of this one that were
+        killed may be in the graph for a while, for which there is `patience` [s].
+        """
         self._start(self._names, self._config.phases[0])
-        self._client.require_alone(self._names, self._config.time != REAL, own=1)
+        uses_clock = self._config.time != REAL
+        self._client.require_alone(self._names, uses_clock, own=1, patience=patience)
         if self._time.is_simulated:
             self._await_graph()
         else:
@@ -182,7 +188,7 @@ class Session:
                 self._health.forget(name)
             self._processes.stop_all(STOP_ORDER)
         self._keep_time()
-        self._begin()
+        self._begin(GONE)
 
     def _return_to_start(self) -> None:
         """Have nodes that have moved as they were started, and the recorder begin its bag."""

@@ -37,7 +37,7 @@ ASKED_TOPIC = '/up/asked'  # the motion that a reference was shaped from
 REFERENCE_STEP = 0.05  # s; the quintics between such points are exact to 1e-9 rad
 LARGEST_MESSAGE = 60_000  # bytes: a best-effort message should fit one datagram
 DISCOVERY = 0.5  # s in which those who are there already make themselves known
-GONE = 30.0  # s until the middleware has forgotten a process that was killed
+ALONE = 2.0  # s since this node has joined in which nodes of other sessions do, on a busy machine
 # s until a request is sent again: one that comes before the server has found the client is lost
 RETRY = 1.0
 PATIENCE = 30.0  # s that a service may take to answer on a loaded machine
@@ -119,6 +119,7 @@ class SessionClient:
         node.clock = node.create_subscription(Clock, '/clock', lambda _raw: None, qos, raw=True)
         node.create_subscription(String, DESCRIPTION_TOPIC, self._on_description, LATCHED)
         self._executor.add_node(node)
+        self._joined = time.perf_counter()
         self._thread.start()
         self._publish_robot(SESSION_DESCRIPTION_TOPIC)
         if not self.until(lambda: bool(node.count_publishers(DESCRIPTION_TOPIC)), DISCOVERY):
@@ -131,7 +132,9 @@ class SessionClient:
     def _on_description(self, message: Any) -> None:
         self.has_other_robot |= message.data != self._text
 
-    def require_alone(self, names: Collection[str], uses_clock: bool, own: int = 0) -> None:
+    def require_alone(
+        self, names: Collection[str], uses_clock: bool, own: int = 0, patience: float = 0.0
+    ) -> None:
         """Refuse nodes of another session, which would take this one's messages for their own.
 
         Parameters
@@ -142,6 +145,8 @@ class SessionClient:
             Whether simulated time may come from it.
         own : int
             How many nodes of each name, and publishers of /clock, are the session's.
+        patience : float
+            For the middleware to forget nodes of the session that were killed [s].
 
         Raises
         ------
@@ -158,11 +163,10 @@ class SessionClient:
                 others.append('a publisher of /clock')
             return bool(others)
 
-        # Others take a while to be found; a process that was killed takes a while to be gone.
         if own:
-            self.until(lambda: not finds_others(), GONE)
-        else:
-            self.until(finds_others, DISCOVERY)
+            self.until(lambda: not finds_others(), patience)
+        else:  # Others take a while to be found.
+            self.until(finds_others, self._joined + ALONE - time.perf_counter())
         if others:
             raise NodeError(
                 f'ROS domain {os.environ.get("ROS_DOMAIN_ID", 0)}: nodes of other sessions must '

@@ -109,7 +109,7 @@ class Client:
     def end_phase(self) -> None:
         self.ended = self._clock.now
 
-    def require_alone(self, _names: Any, _uses_clock: bool, own: int = 0) -> None:
+    def require_alone(self, _names: Any, _uses_clock: bool, own: int = 0, **_: Any) -> None:
         if own and self.others:
             raise DenocError(self.others)
 
