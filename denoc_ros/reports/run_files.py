@@ -3,13 +3,20 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import BagError
-from denoc_ros.model.mapping_reader import MappingReader, are_numbers, is_number
+from denoc_ros.model.mapping_reader import (
+    NUMBER,
+    NUMBERS,
+    TEXT,
+    MappingReader,
+    Rule,
+    are_numbers,
+)
 
 EARTH = (0.0, 0.0, -9.81)  # m/s^2, where nothing is said
 FORMATS = ('.mcap', '.db3', '.csv', '.tsv', '.txt', '.dat', '.mat', '.json')
@@ -90,51 +97,31 @@ class _SessionReader(MappingReader):
         """Return the values that are given: null gives none."""
         given = self.mapping('the document', document).items()
         values = {name: value for name, value in given if value is not None}
-        self._check('', values, SESSION_RULES)
+        self.check('', values, SESSION_RULES)
         for name in ('model', 'plant'):
-            self._all(name, values, NUMBERS)
-        self._all('versions', values, TEXT)
-        self._check('time.', self.mapping('time', values.get('time')), TIME_RULES)
-        for name, check in (('phases', self._phase), ('notes', self._note)):
-            entries = values.get(name, [])
-            if not isinstance(entries, list):
-                self.fail(name, 'be a list', entries)
-                continue
-            for k, entry in enumerate(entries):
-                check(f'{name}[{k}]', entry)
+            self.check_all(name, values.get(name), NUMBERS)
+        self.check_all('versions', values.get('versions'), TEXT)
+        self.check('time.', self.mapping('time', values.get('time')), TIME_RULES)
+        for whose, phase in self.entries('phases', values.get('phases')):
+            self._phase(whose, phase)
+        for whose, note in self.entries('notes', values.get('notes')):
+            self.check('', {whose: note}, {whose: TEXT})
         return values
-
-    def _note(self, whose: str, note: Any) -> None:
-        self._check('', {whose: note}, {whose: TEXT})
 
     def _phase(self, whose: str, phase: Any) -> None:
         values = self.mapping(whose, phase)
-        self._check(f'{whose}.', {**dict.fromkeys(PHASE_RULES), **values}, PHASE_RULES)
+        self.check(f'{whose}.', {**dict.fromkeys(PHASE_RULES), **values}, PHASE_RULES)
         begin_ns: Any = values.get('begin_ns')
         end_ns: Any = values.get('end_ns')
         if _is_stamp(begin_ns) and _is_stamp(end_ns) and end_ns < begin_ns:
             self.fail(f'{whose}.end_ns', f'be {begin_ns} or more', end_ns)
-
-    def _all(self, name: str, values: Mapping[str, Any], rule: Rule) -> None:
-        """Find values of a mapping that break a rule."""
-        inside = self.mapping(name, values.get(name))
-        self._check(f'{name}.', inside, dict.fromkeys(inside, rule))
-
-    def _check(self, whose: str, values: Mapping[str, Any], rules: Mapping[str, Rule]) -> None:
-        """Find values that break the rule of their name."""
-        for name, (is_good, words) in rules.items():
-            if name in values and not is_good(values[name]):
-                self.fail(f'{whose}{name}', f'be {words}', values[name])
 
 
 def _is_stamp(value: Any) -> bool:
     return isinstance(value, int) and not isinstance(value, bool) and 0 <= value < LATEST_NS
 
 
-Rule = tuple[Callable[[Any], bool], str]
-TEXT: Rule = (lambda value: isinstance(value, str), 'a text')
 STAMP: Rule = (_is_stamp, 'a whole number of ns from 0 to 2^63')
-NUMBERS: Rule = (lambda value: is_number(value) or are_numbers(value), 'a finite number or some')
 SESSION_RULES: dict[str, Rule] = {
     **dict.fromkeys(
         ('kind', 'name', 'robot', 'tip', 'command', 'scenario', 'failure', 'beams'), TEXT
@@ -146,7 +133,7 @@ SESSION_RULES: dict[str, Rule] = {
     'geometric_stiffness': (lambda value: isinstance(value, bool), 'true or false'),
 }
 TIME_RULES: dict[str, Rule] = {
-    'mode': TEXT, 'why': TEXT, 'begun_ns': STAMP, 'factor': (is_number, 'a finite number'),
+    'mode': TEXT, 'why': TEXT, 'begun_ns': STAMP, 'factor': NUMBER,
 }  # fmt: skip
 PHASE_RULES: dict[str, Rule] = {
     'name': TEXT,
