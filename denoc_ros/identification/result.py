@@ -286,8 +286,8 @@ class _ResultReader(MappingReader):
         self.check_all('model.joints', model.get('joints'), NUMBER)
         terms = self.mapping('terms', document.setdefault('terms', {}))
         for name, term in terms.items():
-            values = self.mapping(f'terms.{name}', term)
-            self.check(f'terms.{name}.', {'value': None, **values}, {'value': NUMBER})
+            value = {'value': None, **self.mapping(f'terms.{name}', term)}
+            self.check(f'terms.{name}.', value, {'value': NUMBER})
 
 
 def _is_number(value: Any) -> bool:

@@ -76,4 +76,3 @@ def are_numbers(value: Any) -> bool:
 
 TEXT: Rule = (lambda value: isinstance(value, str), 'a text')
 NUMBER: Rule = (is_number, 'a finite number')
-NUMBERS: Rule = (lambda value: is_number(value) or are_numbers(value), 'a finite number or some')

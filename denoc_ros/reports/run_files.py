@@ -9,9 +9,9 @@ from typing import Any
 
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import BagError
+from denoc_ros.model.findings import as_text
 from denoc_ros.model.mapping_reader import (
     NUMBER,
-    NUMBERS,
     TEXT,
     MappingReader,
     Rule,
@@ -99,7 +99,7 @@ class _SessionReader(MappingReader):
         values = {name: value for name, value in given if value is not None}
         self.check('', values, SESSION_RULES)
         for name in ('model', 'plant'):
-            self.check_all(name, values.get(name), NUMBERS)
+            self.check_all(name, values.get(name), OVERRIDE)
         self.check_all('versions', values.get('versions'), TEXT)
         self.check('time.', self.mapping('time', values.get('time')), TIME_RULES)
         for whose, phase in self.entries('phases', values.get('phases')):
@@ -122,6 +122,7 @@ def _is_stamp(value: Any) -> bool:
 
 
 STAMP: Rule = (_is_stamp, 'a whole number of ns from 0 to 2^63')
+OVERRIDE: Rule = (lambda value: as_text(value) is not None, 'a number, a text or some of them')
 SESSION_RULES: dict[str, Rule] = {
     **dict.fromkeys(
         ('kind', 'name', 'robot', 'tip', 'command', 'scenario', 'failure', 'beams'), TEXT

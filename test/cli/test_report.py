@@ -121,7 +121,7 @@ def test_what_is_no_run_is_refused(
         ),
         ('{"time": {"begun_ns": "z"}}', 'time.begun_ns must be a whole number of ns'),
         ('{"time": {"factor": "fast"}}', 'time.factor must be a finite number'),
-        ('{"plant": {"joint.j1.damping": []}}', 'plant.joint.j1.damping must be a finite number'),
+        ('{"plant": {"joint.j1.damping": {}}}', 'plant.joint.j1.damping must be a number, a text'),
         ('{"versions": {"python": 3}}', 'versions.python must be a text, got 3'),
     ],
 )

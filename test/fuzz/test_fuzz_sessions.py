@@ -27,7 +27,7 @@ SESSION: dict[str, Any] = {
     'command': 'denoc up arm.yaml',
     'time': {'mode': 'simulated', 'why': 'as asked for', 'begun_ns': BEGIN_NS, 'factor': 2.0},
     'versions': {'python': '3.12', 'system': 'Linux', 'processors': '2'},
-    'model': {'joint.joint_1.damping': 0.5},
+    'model': {'joint.joint_1.damping': 0.5, 'beam.link_1.shape': 'clamped-free'},
     'plant': {'joint.joint_1.damping': 0.25},
     'beams': 'plant: 1 mode',
     'failure': 'interrupted',
@@ -86,3 +86,8 @@ def test_a_changed_session_gives_a_page_or_findings(
     assert 'Traceback' not in said.err
     assert status in (0, 1)
     assert (status == 1) == (not said.out)
+
+
+def test_a_session_as_it_is_written_gives_a_page(run: Path) -> None:
+    (run / 'session.json').write_text(json.dumps(SESSION))
+    assert main(['report', str(run), '-o', str(run / 'page.html')]) == 0
