@@ -60,7 +60,7 @@ TORN = (McapError, struct.error, ValueError, OverflowError, MemoryError)
 MOVED = 'a moved or renamed one'
 MAGIC = b'\x89MCAP0\r\n'
 _HEAD = struct.Struct('<BQ')
-CLOSED = -1  # descriptor of a file that is closed
+CLOSED_DESCRIPTOR = -1  # descriptor of a file that is closed
 LARGEST_CHUNK = 1 << 28  # bytes when opened: writers make chunks of a MiB or a few
 MOST_AT_ONCE = 1 << 30  # bytes of chunks whose times overlap: they are open together
 LARGEST_WINDOW = 1 << 27  # bytes that a zstd frame may ask for, as zstd's own tools allow
@@ -114,8 +114,8 @@ class DiskFile:
         synced : bool
             Whether to wait: a loss of power then loses nothing.
         """
-        descriptor, self._descriptor = self._descriptor, CLOSED
-        if descriptor == CLOSED:
+        descriptor, self._descriptor = self._descriptor, CLOSED_DESCRIPTOR
+        if descriptor == CLOSED_DESCRIPTOR:
             return
         try:
             if synced:

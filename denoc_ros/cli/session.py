@@ -61,7 +61,7 @@ HEARING = 10.0  # s until a feedforward hears a plant that was started
 WORDS = 2  # reports, one a second, between which a node looks around twice
 GRAPH = 60.0  # s of wall time until a recorder has found all topics
 REHEARSAL_FOLDER = 'rehearsal'  # where a recorder writes meanwhile: nobody reads it
-GONE = 30.0  # s until the middleware has forgotten a process that was killed
+REMOVAL_TIME_S = 30.0  # s until the middleware has forgotten a process that was killed
 OTHER_ROBOT = (
     '/robot_description: description must be that of {}, got another robot from another node; '
     "the session's nodes have the configured one"
@@ -188,7 +188,7 @@ class Session:
                 self._health.forget(name)
             self._processes.stop_all(STOP_ORDER)
         self._keep_time()
-        self._begin(GONE)
+        self._begin(REMOVAL_TIME_S)
 
     def _return_to_start(self) -> None:
         """Have nodes that have moved as they were started, and the recorder begin its bag."""

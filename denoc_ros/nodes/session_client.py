@@ -37,7 +37,8 @@ ASKED_TOPIC = '/up/asked'  # the motion that a reference was shaped from
 REFERENCE_STEP = 0.05  # s; the quintics between such points are exact to 1e-9 rad
 LARGEST_MESSAGE = 60_000  # bytes: a best-effort message should fit one datagram
 DISCOVERY = 0.5  # s in which those who are there already make themselves known
-ALONE = 2.0  # s since this node has joined in which nodes of other sessions do, on a busy machine
+# s since this node has joined in which those of other sessions are found, on a busy machine
+OTHERS_DISCOVERY_S = 2.0
 # s until a request is sent again: one that comes before the server has found the client is lost
 RETRY = 1.0
 PATIENCE = 30.0  # s that a service may take to answer on a loaded machine
@@ -166,7 +167,7 @@ class SessionClient:
         if own:
             self.until(lambda: not finds_others(), patience)
         else:  # Others take a while to be found.
-            self.until(finds_others, self._joined + ALONE - time.perf_counter())
+            self.until(finds_others, self._joined + OTHERS_DISCOVERY_S - time.perf_counter())
         if others:
             raise NodeError(
                 f'ROS domain {os.environ.get("ROS_DOMAIN_ID", 0)}: nodes of other sessions must '

@@ -264,8 +264,8 @@ class DisputedClock:
 @pytest.mark.parametrize(
     ('times', 'publishers', 'bound'),
     [
-        ((0.0, 0.5), 2, session_time.DISPUTED),
-        ((0.0, 5.0), 2, session_time.DISPUTED),  # a foreign time beyond the wait's end
+        ((0.0, 0.5), 2, session_time.DISPUTED_TIME_S),
+        ((0.0, 5.0), 2, session_time.DISPUTED_TIME_S),  # a foreign time beyond the wait's end
         ((0.0, 0.5), 1, session_time.STANDS),  # one that goes to and fro
         ((0.5,), 1, session_time.STANDS),
     ],
@@ -290,7 +290,7 @@ def test_a_wait_ends_at_its_time(monkeypatch: pytest.MonkeyPatch) -> None:
     simulated = session_time.SimulatedTime(client, 0.01)
     simulated.go_to(1.0)
     assert simulated.now() == 1.0
-    assert clock.now < session_time.DISPUTED
+    assert clock.now < session_time.DISPUTED_TIME_S
 
 
 def test_a_motion_begins_when_its_feedback_has_gains(run: Any) -> None:
