@@ -6,12 +6,12 @@ import shutil
 import threading
 import time
 from collections import Counter, deque
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from denoc_ros.bags.definitions import message_definition
-from denoc_ros.bags.metadata import FileContents, Qos
+from denoc_ros.bags.metadata import Qos, topic_counts
 from denoc_ros.bags.storage import Loss
 from denoc_ros.bags.writer import BagWriter
 from denoc_ros.errors import BagError
@@ -83,6 +83,7 @@ class BackgroundWriter:
             and 0 < flush_period < float('inf')
             and min_free_space >= 0
         ):
+            bag.close()
             raise BagError(
                 f'{bag.path}: queue_size, queue_bytes and flush_period must be > 0, '
                 f'min_free_space >= 0, '
@@ -161,7 +162,10 @@ class BackgroundWriter:
         return BY_BYTES if waiting and waiting + size > self._queue_bytes else ''
 
     def add_topic(self, name: str, type_name: str, qos: tuple[Qos, ...] = (Qos(),)) -> None:
-        """Add a topic before its first message is put; BagError when its type is unknown."""
+        """Add a topic before its first message is put; BagError when its type is unknown.
+
+        Messages that are put later are of this type: a topic with another is added once more.
+        """
         definition = message_definition(type_name)
         self._queue.append(lambda: self._bag.add_topic(name, type_name, qos, definition))
 
@@ -176,7 +180,7 @@ class BackgroundWriter:
     def status(self) -> WriterStatus:
         """Return the status; from any thread."""
         losses = self._bag.losses
-        lost = {**self._lost, BY_FILE: _counts(loss.contents for loss in losses)}
+        lost = {**self._lost, BY_FILE: topic_counts(loss.contents for loss in losses)}
         return WriterStatus(
             written=self._bag.messages,
             queued=len(self._queue),
@@ -258,13 +262,10 @@ class BackgroundWriter:
             self._bag.close()
         except BagError as error:
             self._failure = f'{reason}; {error}'
-        gone = _counts(loss.contents for loss in self._bag.losses)
-        elsewhere = _counts(self._bag.files) + gone + self._lost[BY_NUMBER] + self._lost[BY_BYTES]
+        gone = topic_counts(loss.contents for loss in self._bag.losses)
+        elsewhere = (
+            topic_counts(self._bag.files) + gone + self._lost[BY_NUMBER] + self._lost[BY_BYTES]
+        )
         self._lost[BY_DISK] = self._offered - elsewhere
         self._queue.clear()
         self._bytes_taken = self._bytes_put
-
-
-def _counts(files: Iterable[FileContents]) -> Counter[str]:
-    """Return the messages of files by topic."""
-    return sum((part.counts for part in files), Counter[str]())

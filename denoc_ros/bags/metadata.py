@@ -16,6 +16,7 @@ from denoc_ros.yaml_text import read_yaml_file
 METADATA_NAME = 'metadata.yaml'
 # the newest version that Humble writes: later ones only add keys that nothing here needs
 _VERSION = 5
+ChannelKey = tuple[str, str]  # name and message type of a topic, whose type may change
 
 
 @dataclass(frozen=True)
@@ -58,19 +59,24 @@ class Topic:
     qos: str = ''
     encoding: str = 'cdr'
 
+    @property
+    def key(self) -> ChannelKey:
+        """Name and type, which no other topic of a bag has."""
+        return self.name, self.type
+
 
 @dataclass
 class FileContents:
-    """Content of one file of a bag: times in ns, messages by topic; its bytes once finished."""
+    """Content of one file of a bag: times in ns, messages by channel; its bytes once finished."""
 
     name: str
     start_ns: int = 0
     end_ns: int = 0
     messages: int = 0
-    counts: Counter[str] = field(default_factory=Counter)
+    counts: Counter[ChannelKey] = field(default_factory=Counter)
     size: int = 0
 
-    def add(self, topic: str, stamp_ns: int) -> None:
+    def add(self, channel: ChannelKey, stamp_ns: int) -> None:
         """Count one message."""
         if not self.messages:
             self.start_ns = self.end_ns = stamp_ns
@@ -78,8 +84,17 @@ class FileContents:
             self.start_ns = stamp_ns
         elif stamp_ns > self.end_ns:
             self.end_ns = stamp_ns
-        self.counts[topic] += 1
+        self.counts[channel] += 1
         self.messages += 1
+
+
+def topic_counts(files: Iterable[FileContents]) -> Counter[str]:
+    """Return the messages of files by topic."""
+    found: Counter[str] = Counter()
+    for part in files:
+        for (name, _), count in part.counts.items():
+            found[name] += count
+    return found
 
 
 def metadata_text(topics: Sequence[Topic], files: Sequence[FileContents]) -> str:
@@ -87,7 +102,7 @@ def metadata_text(topics: Sequence[Topic], files: Sequence[FileContents]) -> str
     filled = [part for part in files if part.messages]
     start = min((part.start_ns for part in filled), default=0)
     end = max((part.end_ns for part in filled), default=0)
-    counts = sum((part.counts for part in files), Counter[str]())
+    counts = sum((part.counts for part in files), Counter[ChannelKey]())
     information = {
         'version': _VERSION,
         'storage_identifier': 'mcap',
@@ -95,7 +110,7 @@ def metadata_text(topics: Sequence[Topic], files: Sequence[FileContents]) -> str
         'starting_time': {'nanoseconds_since_epoch': start},
         'message_count': sum(counts.values()),
         'topics_with_message_count': [
-            {'topic_metadata': _topic_row(topic), 'message_count': counts[topic.name]}
+            {'topic_metadata': _topic_row(topic), 'message_count': counts[topic.key]}
             for topic in topics
         ],
         'compression_format': '',
@@ -109,21 +124,32 @@ def metadata_text(topics: Sequence[Topic], files: Sequence[FileContents]) -> str
 def write_metadata(folder: Path, text: str) -> None:
     """Put metadata.yaml into a folder, whole or not at all."""
     unfinished = folder / f'.{METADATA_NAME}.tmp'
-    with unfinished.open('w', encoding='utf-8') as stream:
-        stream.write(text)
-        stream.flush()
-        os.fsync(stream.fileno())
-    unfinished.replace(folder / METADATA_NAME)
+    try:
+        with unfinished.open('w', encoding='utf-8') as stream:
+            stream.write(text)
+            stream.flush()
+            os.fsync(stream.fileno())
+        unfinished.replace(folder / METADATA_NAME)
+    finally:
+        unfinished.unlink(missing_ok=True)
+    # The names of the bag's files are in the folder, which the disk has apart from the files.
+    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
 
 
 def named_files(folder: Path) -> set[str]:
-    """Return the names of the files that metadata.yaml names; none where it cannot be read."""
+    """Return the names of the files that metadata.yaml names; ConfigError where it is damaged."""
+    file = folder / METADATA_NAME
+    content = read_yaml_file(file)
     try:
-        content = read_yaml_file(folder / METADATA_NAME)
         paths = content['rosbag2_bagfile_information']['relative_file_paths']
         return {Path(path).name for path in paths}
-    except (ConfigError, KeyError, TypeError):
-        return set()
+    except (KeyError, TypeError) as error:
+        rule = f'the file must name the files of the bag, got {content!r:.60}'
+        raise ConfigError(str(file), [rule]) from error
 
 
 def _topic_row(topic: Topic) -> dict[str, str]:

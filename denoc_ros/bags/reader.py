@@ -17,10 +17,10 @@ from mcap.records import Chunk, ChunkIndex
 from rosbags.interfaces import MessageDefinitionFormat
 
 from denoc_ros.bags.definitions import decode, message_types
-from denoc_ros.bags.metadata import METADATA_NAME, Qos, named_files
+from denoc_ros.bags.metadata import METADATA_NAME, ChannelKey, Qos, named_files
 from denoc_ros.bags.rosbags_bounds import AnyReader
-from denoc_ros.bags.storage import MAGIC, decompressed, require_bounded_chunks
-from denoc_ros.errors import BagError
+from denoc_ros.bags.storage import MAGIC, decompressed, is_mcap, require_bounded_chunks
+from denoc_ros.errors import BagError, ConfigError
 from denoc_ros.settings import parameter
 from denoc_ros.types import Stamps
 
@@ -35,6 +35,8 @@ STAMP = parameter(
 DESCRIPTION_ATTACHMENT = 'robot_description.urdf'
 SESSION_ATTACHMENT = 'session.json'  # what a simulated run was
 DESCRIPTION_TOPIC = 'robot_description'
+SESSION_DESCRIPTION_TOPIC = '/up/robot_description'  # of the nodes of a session alone
+TEXT = 'std_msgs/msg/String'
 RawMessage = tuple[str, str, int, bytes]  # topic, type, log time [ns], CDR
 
 _RECORD = struct.Struct('<BQ')  # opcode and length
@@ -70,7 +72,10 @@ class RecordedTopic:
 
 @dataclass(frozen=True)
 class BagContents:
-    """Content of a bag: topics, number of messages, first and last log time [ns]."""
+    """Content of a bag: topics, number of messages, first and last log time [ns].
+
+    A topic whose type changed is there once for each type.
+    """
 
     topics: tuple[RecordedTopic, ...]
     messages: int
@@ -125,10 +130,11 @@ def read_raw(path: str | Path, topics: Collection[str] | None = None) -> Iterato
 def bag_contents(path: str | Path) -> BagContents:
     """Return the contents of a bag without reading its messages; errors as `read_bag`."""
     with _open(Path(path)) as reader:
-        topics: dict[str, RecordedTopic] = {}
+        topics: dict[ChannelKey, RecordedTopic] = {}
         for connection in reader.connections:
-            known = topics.get(connection.topic)
-            topics[connection.topic] = _recorded(connection, known.messages if known else 0)
+            key = connection.topic, connection.msgtype
+            known = topics.get(key)
+            topics[key] = _recorded(connection, known.messages if known else 0)
         spans = reader.message_count > 0
         return BagContents(
             tuple(topics.values()),
@@ -139,7 +145,10 @@ def bag_contents(path: str | Path) -> BagContents:
 
 
 def bag_topics(path: str | Path) -> dict[str, str]:
-    """Return the message type of each topic of a bag; errors as `read_bag`."""
+    """Return the message type of each topic of a bag, the last one of a topic that has several.
+
+    Errors as `read_bag`.
+    """
     return {topic.name: topic.type for topic in bag_contents(path).topics}
 
 
@@ -173,7 +182,10 @@ def read_description(path: str | Path) -> str:
         return read_attachment(path, DESCRIPTION_ATTACHMENT).decode()
     except BagError:
         topics = [topic for topic in bag_topics(path) if topic.endswith(DESCRIPTION_TOPIC)]
-        published = [str(item.message.data) for item in read_bag(path, topics) if topics]
+        if SESSION_DESCRIPTION_TOPIC in topics:
+            topics = [SESSION_DESCRIPTION_TOPIC]
+        items = read_bag(path, topics) if topics else iter(())
+        published = [str(item.message.data) for item in items if item.type == TEXT]
         return published[-1] if published else ''
 
 
@@ -298,7 +310,8 @@ def require_readable(path: Path) -> Path:
         return _require_finished_folder(path)
     if path.suffix not in ('.mcap', '.db3'):
         raise BagError(f'{path}: bag must be a rosbag2 folder, a .mcap or a .db3 file')
-    if path.suffix == '.mcap' and not _is_finished(path):
+    # What does not even begin as MCAP is not unfinished but something else.
+    if path.suffix == '.mcap' and is_mcap(path) and not _is_finished(path):
         raise BagError(_unfinished(path))
     return path
 
@@ -308,7 +321,10 @@ def mcap_files(source: Path) -> list[Path]:
     if not source.is_dir():
         return [source]
     found = sorted(source.glob('*.mcap'))
-    named = named_files(source)
+    try:
+        named = named_files(source)
+    except ConfigError:
+        return found
     # the recorder leaves out what somebody spoiled
     return [part for part in found if part.name in named] or found
 
@@ -317,6 +333,12 @@ def _require_finished_folder(folder: Path) -> Path:
     parts = mcap_files(folder)
     unfinished = [part for part in parts if not _is_finished(part)]
     if (folder / METADATA_NAME).is_file() and not unfinished:
+        try:
+            named_files(folder)
+        except ConfigError as error:
+            raise BagError(
+                f'{error}; run: denoc recover {folder}' if parts else str(error)
+            ) from error
         return folder
     if parts:
         raise BagError(_unfinished(folder))
@@ -331,7 +353,7 @@ def _require_finished_folder(folder: Path) -> Path:
 
 def _unfinished(path: Path) -> str:
     return (
-        f'{path}: bag must be finished, got one whose recording was cut off; '
+        f'{path}: bag must be finished, got one that was cut off or damaged; '
         f'run: denoc recover {path}'
     )
 
@@ -341,8 +363,7 @@ def _is_finished(path: Path) -> bool:
         with path.open('rb') as stream:
             start = stream.read(len(MAGIC))
             stream.seek(max(path.stat().st_size - len(MAGIC), 0))
-            # what does not even begin as MCAP is not unfinished but something else
-            return stream.read() == MAGIC or start != MAGIC
+            return start == stream.read() == MAGIC
     except OSError as error:
         raise BagError(f'{path}: bag must be readable, got: {error.strerror}') from error
 

@@ -5,17 +5,23 @@ from __future__ import annotations
 import filecmp
 import re
 import shutil
-from collections import Counter
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from mcap.records import Attachment, Channel, Message, Metadata, Schema
 from mcap.writer import Writer
 
-from denoc_ros.bags.metadata import FileContents, Topic, metadata_text, write_metadata
-from denoc_ros.bags.storage import MAGIC, CompleteRecords, DiskFile, library_name
+from denoc_ros.bags.metadata import (
+    ChannelKey,
+    FileContents,
+    Topic,
+    metadata_text,
+    topic_counts,
+    write_metadata,
+)
+from denoc_ros.bags.storage import CompleteRecords, DiskFile, is_mcap, library_name
 from denoc_ros.errors import BagError
 
 Progress = Callable[[int], None]
@@ -27,13 +33,14 @@ class Recovered:
 
     path: Path  # the new bag
     files: tuple[FileContents, ...]  # what each of its files holds
-    torn: tuple[str, ...]  # names of the files that ended before their end
+    torn: tuple[str, ...]  # names of the files that lack their beginning or their end
     damaged_chunks: int  # chunks left out because their content is not what was written
+    left_out: tuple[str, ...] = ()  # names of the files that are none of MCAP
 
     @property
     def counts(self) -> dict[str, int]:
         """Messages by topic."""
-        return dict(sum((part.counts for part in self.files), Counter[str]()))
+        return dict(topic_counts(self.files))
 
     @property
     def messages(self) -> int:
@@ -46,8 +53,8 @@ def recover(
 ) -> Recovered:
     """Rebuild a bag of MCAP, finished or not, from its complete records.
 
-    The original is only read. The new bag appears whole or not at all; doing it again gives the
-    same bytes and is no error.
+    The original is only read. Files in its folder that are none of MCAP are left out. The new bag
+    appears whole or not at all; doing it again gives the same bytes and is no error.
 
     Parameters
     ----------
@@ -60,10 +67,13 @@ def recover(
     Raises
     ------
     BagError
-        When there is no MCAP, or `out` exists and is something else.
+        When no file is one of MCAP, or `out` exists and is something else.
     """
     source = Path(path)
-    parts = _parts(source)
+    found = _parts(source)
+    parts = [part for part in found if is_mcap(part)]
+    if not any(part.stat().st_size for part in parts):
+        raise BagError(f'{source}: must be an MCAP file, got an empty one or another kind')
     stem = source.name if source.is_dir() else source.stem
     target = source.with_name(f'{stem}_recovered') if out is None else Path(out)
     if target.suffix == '.mcap' and len(parts) > 1:
@@ -72,7 +82,10 @@ def recover(
     try:
         _remove(unfinished)
         unfinished.parent.mkdir(parents=True, exist_ok=True)
-        result = _rebuild(parts, unfinished, target, progress)
+        result = replace(
+            _rebuild(parts, unfinished, target, progress),
+            left_out=tuple(part.name for part in found if part not in parts),
+        )
         _publish(unfinished, target)
     except OSError as error:
         raise BagError(
@@ -153,11 +166,8 @@ class _Copy:
         self.topics: list[Topic] = []
         self._schemas: dict[int, int] = {0: 0}
         self._types: dict[int, str] = {0: ''}
-        self._channels: dict[int, tuple[int, str]] = {}
+        self._channels: dict[int, tuple[int, ChannelKey]] = {}
         with source.open('rb') as stream:
-            if stream.read(len(MAGIC)) != MAGIC:
-                raise BagError(f'{source}: must be an MCAP file, got another kind')
-            stream.seek(0)
             disk = DiskFile(target)
             try:
                 self._writer = Writer(disk)
@@ -202,17 +212,16 @@ class _Copy:
         number = self._writer.register_channel(
             record.topic, record.message_encoding, self._schemas[record.schema_id], record.metadata
         )
-        self._channels[record.id] = (number, record.topic)
         qos = record.metadata.get('offered_qos_profiles', '')
-        self.topics.append(
-            Topic(record.topic, self._types[record.schema_id], qos, record.message_encoding)
-        )
+        topic = Topic(record.topic, self._types[record.schema_id], qos, record.message_encoding)
+        self._channels[record.id] = (number, topic.key)
+        self.topics.append(topic)
 
     def _take_message(self, record: Message) -> None:
         if record.channel_id not in self._channels:
             return
-        number, topic = self._channels[record.channel_id]
+        number, channel = self._channels[record.channel_id]
         self._writer.add_message(
             number, record.log_time, record.data, record.publish_time, record.sequence
         )
-        self.contents.add(topic, record.log_time)
+        self.contents.add(channel, record.log_time)

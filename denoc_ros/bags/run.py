@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -137,7 +138,7 @@ class RecordedTopics:
 
     def _interval(self, phase: Mapping[str, Any]) -> Interval:
         """Return a phase as its session noted it; an unfinished one says so by its name."""
-        end = phase['end_ns']
+        end = phase.get('end_ns')
         begin = self._seconds(phase['begin_ns'])
         if end is None:
             return Interval(f'{phase["name"]} {UNFINISHED}', begin, np.inf)
@@ -221,11 +222,11 @@ def read_run(
     else:
         states = {name for ending in topics if (name := find_topic(states, ending))}
     columns = {topic: JointStateColumns(topic) for topic in states}
-    for topic, _, log_ns, raw in _raw(path, {*states, *kept}, window, rate, length):
-        if topic in kept:
-            kept[topic].append((log_ns, bytes(raw)))
-        else:
+    for topic, kind, log_ns, raw in _raw(path, {*states, *kept}, window, rate, length):
+        if topic in columns and kind == JOINT_STATE:
             columns[topic].append(raw, log_ns)
+        elif topic in kept and kind == kinds[topic]:
+            kept[topic].append((log_ns, bytes(raw)))
     series = {topic: column.series() for topic, column in columns.items() if len(column)}
     if topics is None and not series:
         raise BagError(
@@ -236,7 +237,9 @@ def read_run(
     rows = {topic: one.since(origin_ns) for topic, one in series.items()}
     if window != ALL_TIME:
         rows = {topic: one.between(*window) for topic, one in rows.items()}
-    counts = {topic.name: topic.messages for topic in contents.topics}
+    counts: Counter[str] = Counter()
+    for one in contents.topics:
+        counts[one.name] += one.messages
     return RecordedTopics(path, kinds, counts, length, rows, kept, origin_ns, phases)
 
 

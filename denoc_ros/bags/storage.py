@@ -43,7 +43,7 @@ from mcap.records import (
 from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import CompressionType, Writer
 
-from denoc_ros.bags.metadata import FileContents, Topic
+from denoc_ros.bags.metadata import ChannelKey, FileContents, Topic
 from denoc_ros.errors import BagError
 
 COMPRESSIONS = {
@@ -60,6 +60,7 @@ TORN = (McapError, struct.error, ValueError, OverflowError, MemoryError)
 MOVED = 'a moved or renamed one'
 MAGIC = b'\x89MCAP0\r\n'
 _HEAD = struct.Struct('<BQ')
+CLOSED_DESCRIPTOR = -1  # descriptor of a file that is closed
 LARGEST_CHUNK = 1 << 28  # bytes when opened: writers make chunks of a MiB or a few
 MOST_AT_ONCE = 1 << 30  # bytes of chunks whose times overlap: they are open together
 LARGEST_WINDOW = 1 << 27  # bytes that a zstd frame may ask for, as zstd's own tools allow
@@ -105,9 +106,22 @@ class DiskFile:
         """Return the system's status of the file, wherever it is now."""
         return os.fstat(self._descriptor)
 
-    def close(self) -> None:
-        """Close the file."""
-        os.close(self._descriptor)
+    def close(self, synced: bool = True) -> None:
+        """Close the file, and wait until the disk has it; closing again does nothing.
+
+        Parameters
+        ----------
+        synced : bool
+            Whether to wait: a loss of power then loses nothing.
+        """
+        descriptor, self._descriptor = self._descriptor, CLOSED_DESCRIPTOR
+        if descriptor == CLOSED_DESCRIPTOR:
+            return
+        try:
+            if synced:
+                os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
 
 
 class McapFile:
@@ -119,6 +133,11 @@ class McapFile:
         A file that does not exist yet.
     chunk_size : int
         Largest chunk [bytes] before compression; a flush ends a chunk earlier.
+
+    Raises
+    ------
+    OSError
+        The disk does not take a new file; no part of it stays.
     """
 
     def __init__(self, path: Path, compression: str, chunk_size: int = _CHUNK_SIZE) -> None:
@@ -129,10 +148,15 @@ class McapFile:
             self._disk, chunk_size=chunk_size, compression=COMPRESSIONS[compression]
         )
         self._schemas: dict[str, Schema] = {}
-        self._channels: dict[str, Channel] = {}
+        self._channels: dict[ChannelKey, Channel] = {}
         self._complete = 0
-        self._writer.start('ros2', library_name())
-        self.flush()
+        try:
+            self._writer.start('ros2', library_name())
+            self.flush()
+        except BaseException:
+            self._disk.close(synced=False)
+            path.unlink(missing_ok=True)
+            raise
 
     @property
     def size(self) -> int:
@@ -150,7 +174,7 @@ class McapFile:
         schema = self._schemas[topic.type].id
         metadata = {'offered_qos_profiles': topic.qos}
         number = self._writer.register_channel(topic.name, topic.encoding, schema, metadata)
-        self._channels[topic.name] = Channel(
+        self._channels[topic.key] = Channel(
             id=number,
             topic=topic.name,
             message_encoding=topic.encoding,
@@ -158,11 +182,11 @@ class McapFile:
             schema_id=schema,
         )
 
-    def write(self, topic: str, stamp_ns: int, raw: bytes, publish_ns: int) -> None:
+    def write(self, channel: ChannelKey, stamp_ns: int, raw: bytes, publish_ns: int) -> None:
         """Append one message as it came from the wire."""
-        sequence = self.contents.counts[topic] & 0xFFFFFFFF
-        self._writer.add_message(self._channels[topic].id, stamp_ns, raw, publish_ns, sequence)
-        self.contents.add(topic, stamp_ns)
+        sequence = self.contents.counts[channel] & 0xFFFFFFFF
+        self._writer.add_message(self._channels[channel].id, stamp_ns, raw, publish_ns, sequence)
+        self.contents.add(channel, stamp_ns)
 
     def attach(self, name: str, media_type: str, content: bytes, stamp_ns: int) -> None:
         """Append an attachment."""
@@ -174,10 +198,13 @@ class McapFile:
         self._complete = self._disk.tell()
 
     def finish(self) -> None:
-        """Write the summary and close the file."""
+        """Write the summary; `close` must follow."""
         self.flush()
         self._writer.finish()
         self.contents.size = self._disk.tell()
+
+    def close(self) -> None:
+        """Close a finished file when the disk has it."""
         self._disk.close()
 
     def displacement(self) -> str:
@@ -191,22 +218,24 @@ class McapFile:
 
     def abandon(self, cause: str) -> None:
         """Close a displaced file; one that was only moved is finished, whole, where it is."""
-        if cause == MOVED:
-            with suppress(OSError):
+        with suppress(OSError):
+            if cause == MOVED:
                 self.finish()
-                return
         self.contents.size = self._disk.tell()
-        self._disk.close()
+        with suppress(OSError):
+            self._disk.close(synced=cause == MOVED)
 
     def salvage(self) -> None:
         """Close the file after a failed write, whole up to the last flush.
 
         The summary needs room too: as many chunks go as that takes.
         """
-        layout = read_layout(self.path, self._complete)
-        while not self._try_ending(layout) and layout.chunks:
-            layout.drop_last_chunk()
-        self._disk.close()
+        try:
+            layout = read_layout(self.path, self._complete)
+            while not self._try_ending(layout) and layout.chunks:
+                layout.drop_last_chunk()
+        finally:
+            self._disk.close()
         self.contents = count_messages(self.path)
 
     def _try_ending(self, layout: McapIndex) -> bool:
@@ -241,7 +270,7 @@ class CompleteRecords:
     damaged_chunks : int
         Chunks left out so far because their content is not what was written.
     finished : bool
-        Whether the file's own end was reached.
+        Whether the file begins as one of MCAP, and its own end was reached.
     """
 
     def __init__(self, stream: IO[bytes]) -> None:
@@ -250,7 +279,11 @@ class CompleteRecords:
         # no record is longer than its file
         size = stream.seek(0, os.SEEK_END)
         stream.seek(0)
-        self._records = StreamReader(stream, emit_chunks=True, record_size_limit=size).records
+        self._begins = stream.read(len(MAGIC)) == MAGIC
+        # The records of a file whose first bytes are damaged are as good as those of another.
+        self._records = StreamReader(
+            stream, skip_magic=True, emit_chunks=True, record_size_limit=size
+        ).records
 
     def __iter__(self) -> Iterator[McapRecord]:
         """Yield records until the file ends or is torn."""
@@ -264,7 +297,7 @@ class CompleteRecords:
         try:
             return next(self._records)
         except StopIteration:
-            self.finished = True
+            self.finished = self._begins
         except TORN:
             pass
         return None
@@ -279,16 +312,26 @@ class CompleteRecords:
             return []
 
 
+def is_mcap(path: Path) -> bool:
+    """Say whether a file is one of MCAP, though it be empty, cut off or damaged at its start."""
+    with path.open('rb') as stream:
+        start, code = stream.read(len(MAGIC)), stream.read(1)
+    return MAGIC.startswith(start) or code == bytes([Opcode.HEADER])
+
+
 def count_messages(path: Path) -> FileContents:
     """Return the content of the complete part of a file."""
     contents = FileContents(path.name)
-    topics: dict[int, str] = {}
+    types: dict[int, str] = {}
+    channels: dict[int, ChannelKey] = {}
     with path.open('rb') as stream:
         for record in CompleteRecords(stream):
-            if isinstance(record, Channel):
-                topics[record.id] = record.topic
-            elif isinstance(record, Message) and record.channel_id in topics:
-                contents.add(topics[record.channel_id], record.log_time)
+            if isinstance(record, Schema):
+                types[record.id] = record.name
+            elif isinstance(record, Channel):
+                channels[record.id] = record.topic, types.get(record.schema_id, '')
+            elif isinstance(record, Message) and record.channel_id in channels:
+                contents.add(channels[record.channel_id], record.log_time)
     return contents
 
 

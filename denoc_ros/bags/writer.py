@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from contextlib import closing, suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NoReturn
 
 from denoc_ros.bags.definitions import encode, message_definition
 from denoc_ros.bags.metadata import (
+    ChannelKey,
     FileContents,
     Qos,
     Topic,
@@ -41,7 +43,8 @@ class BagWriter:
 
     Notes
     -----
-    What was written before the last `flush` survives a kill of the process (`denoc recover`).
+    What was written before the last `flush` survives a kill of the process (`denoc recover`); a
+    file that is followed by another, or that is closed, survives a loss of power.
     When the disk refuses a write, BagError says so and the file is closed, whole up to the last
     flush. `check` notices a file that is deleted, moved, replaced or cut while it is written, and
     goes on in another; and finished files that are gone or cut.
@@ -59,15 +62,14 @@ class BagWriter:
         self._compression = compression
         self._max_size = max_bag_size
         self._max_duration_ns = round(max_bag_duration * 1e9)
-        self._topics: dict[str, tuple[Topic, str]] = {}
+        self._topics: dict[ChannelKey, tuple[Topic, str]] = {}
+        self._types: dict[str, str] = {}  # of each topic the one that was added last
         self._attachments: dict[str, tuple[str, bytes, int]] = {}
         self._finished: list[FileContents] = []
         self._losses: list[Loss] = []
-        self._begun = 0
         self._file: McapFile | None = None
         try:
-            self._place = self._make_place()
-            self._file = self._next_file()
+            self._file = self._first_file()
         except FileExistsError as error:
             raise BagError(
                 f'{self.path}: output must not exist yet, got an existing one'
@@ -122,6 +124,8 @@ class BagWriter:
     ) -> None:
         """Add a topic; adding it again with the same type changes nothing.
 
+        A topic has a channel for each of its types, and messages that follow are of the last one.
+
         Parameters
         ----------
         qos : tuple of Qos
@@ -129,23 +133,24 @@ class BagWriter:
         definition : str
             ros2msg text with all dependencies; looked up by type when empty.
         """
-        known = self._topics.get(name)
-        if known is None:
-            entry = (
-                Topic(name, type_name, qos_text(qos)),
-                definition or message_definition(type_name),
-            )
+        topic = Topic(name, type_name, qos_text(qos))
+        if topic.key not in self._topics:
+            entry = topic, definition or message_definition(type_name)
             try:
                 self._open_file().add_topic(*entry)
             except OSError as error:
                 self._give_up(error)
-            self._topics[name] = entry
-        elif known[0].type != type_name:
-            raise BagError(
-                f'{self.path}: topic {name} must keep its type {known[0].type}, got {type_name}'
-            )
+            self._topics[topic.key] = entry
+        self._types[name] = type_name
 
-    def write(self, topic: str, stamp_ns: int, raw: bytes, publish_ns: int | None = None) -> None:
+    def write(
+        self,
+        topic: str,
+        stamp_ns: int,
+        raw: bytes,
+        publish_ns: int | None = None,
+        type_name: str = '',
+    ) -> None:
         """Append a message, its CDR bytes unparsed.
 
         Parameters
@@ -156,16 +161,21 @@ class BagWriter:
             CDR with its 4 bytes of encapsulation.
         publish_ns : int, optional
             When it was sent [ns]; default: the log time.
+        type_name : str, optional
+            Its type; default: the one with which the topic was added last.
         """
-        if topic not in self._topics:
-            raise BagError(f'{self.path}: topic {topic} must be added before messages are written')
+        channel = topic, type_name or self._type(topic)
+        if channel not in self._topics:
+            raise BagError(
+                f'{self.path}: topic {topic} must be added as {channel[1]} before, got none'
+            )
         if stamp_ns < 0:
             raise BagError(f'{self.path}: stamp on {topic} must be >= 0 ns, got {stamp_ns}')
         if self._due(stamp_ns):
             self.split()
         sent = stamp_ns if publish_ns is None else publish_ns
         try:
-            self._open_file().write(topic, stamp_ns, raw, sent)
+            self._open_file().write(channel, stamp_ns, raw, sent)
         except OSError as error:
             self._give_up(error)
 
@@ -175,9 +185,12 @@ class BagWriter:
         A type with a header gets `stamp_ns` as its stamp unless `header` is given; fields left out
         are zero or empty. Otherwise as `write`.
         """
-        if topic not in self._topics:
+        self.write(topic, stamp_ns, encode(self._type(topic), stamp_ns, fields))
+
+    def _type(self, topic: str) -> str:
+        if topic not in self._types:
             raise BagError(f'{self.path}: topic {topic} must be added before messages are written')
-        self.write(topic, stamp_ns, encode(self._topics[topic][0].type, stamp_ns, fields))
+        return self._types[topic]
 
     def attach(
         self,
@@ -207,7 +220,9 @@ class BagWriter:
             raise BagError(f'{self.path}: a bag that splits must be a folder, got a bare file')
         try:
             if not self.check():
+                file = self._open_file()
                 self._finish_file()
+                file.close()
                 self._begin_file(self._next_file())
         except OSError as error:
             self._give_up(error)
@@ -236,15 +251,18 @@ class BagWriter:
 
         Metadata.yaml names the files that are still there; `losses` has the others.
         """
-        if self._file is None:
+        file = self._file
+        if file is None:
             return
         try:
-            if cause := self._file.displacement():
-                self._lose(self._file, cause)
+            if cause := file.displacement():
+                self._lose(file, cause)
             else:
                 self._finish_file()
-            self._lose_finished()
-            self._write_metadata()
+            # The disk may take long to have the file: a kill meanwhile leaves a whole bag.
+            with closing(file):
+                self._lose_finished()
+                self._write_metadata()
         except OSError as error:
             self._give_up(error)
 
@@ -266,6 +284,18 @@ class BagWriter:
         folder = self.path.parent if self._bare else self.path
         folder.mkdir(parents=True, exist_ok=self._bare)
         return Identity.of(folder.stat())
+
+    def _first_file(self) -> McapFile:
+        """Make the folder, and return its first file; neither stays where the disk refuses."""
+        self._place = self._make_place()
+        self._begun = 0
+        try:
+            return self._next_file()
+        except OSError:
+            if not self._bare:
+                with suppress(OSError):
+                    self.path.rmdir()
+            raise
 
     def _next_file(self) -> McapFile:
         if self._bare:
@@ -295,9 +325,7 @@ class BagWriter:
         for path in free_paths(self._wanted, '.mcap' if self._bare else ''):
             self.path = path
             try:
-                self._place = self._make_place()
-                self._begun = 0
-                return self._next_file()
+                return self._first_file()
             except FileExistsError:
                 continue
         raise AssertionError('names by time do not end')

@@ -15,7 +15,7 @@ from denoc_ros.cli.verbs import DOUBTFUL
 
 DESCRIPTION = (
     'Rebuild an MCAP bag from its complete records, without changing the original. Exit status '
-    '2 if parts within it were damaged.'
+    '2 if parts within it were damaged, or are no MCAP.'
 )
 
 
@@ -28,7 +28,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> VerbResult:
-    """Recover; exit status 2 where parts were damaged."""
+    """Recover; exit status 2 where parts were damaged or left out."""
     with tqdm(unit='B', unit_scale=True, disable=True if args.json else None, leave=False) as bar:
         result = recover(args.bag, args.output, bar.update)
     row = {
@@ -38,15 +38,18 @@ def run(args: argparse.Namespace) -> VerbResult:
         'files': [part.name for part in result.files],
         'torn': list(result.torn),
         'damaged_chunks': result.damaged_chunks,
+        'left_out': list(result.left_out),
     }
-    return VerbResult(row, _lines(row), DOUBTFUL if result.damaged_chunks else 0)
+    doubtful = result.damaged_chunks or result.left_out
+    return VerbResult(row, _lines(row), DOUBTFUL if doubtful else 0)
 
 
 def _lines(row: dict[str, Any]) -> list[str]:
     files = len(row['files'])
     lines = [f'{row["path"]}: {row["messages"]} messages in {files} file{"s" * (files != 1)}']
     lines += [f'  {topic}: {count}' for topic, count in sorted(row['topics'].items())]
-    lines += [f'  {name} was cut off' for name in row['torn']]
+    lines += [f'  {name} was cut off or damaged' for name in row['torn']]
+    lines += [f'  {name} was left out: it is no MCAP file' for name in row['left_out']]
     if row['damaged_chunks']:
         lines.append(f'  {row["damaged_chunks"]} damaged chunks were left out')
     return lines

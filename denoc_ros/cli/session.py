@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from denoc_ros.bags.reader import DESCRIPTION_TOPIC, SESSION_DESCRIPTION_TOPIC
 from denoc_ros.cli.config import AUTO, REAL, SIMULATED, Parameters, Phase, SessionConfig
 from denoc_ros.cli.node_parameters import (
     changed_parameters,
@@ -60,6 +61,11 @@ HEARING = 10.0  # s until a feedforward hears a plant that was started
 WORDS = 2  # reports, one a second, between which a node looks around twice
 GRAPH = 60.0  # s of wall time until a recorder has found all topics
 REHEARSAL_FOLDER = 'rehearsal'  # where a recorder writes meanwhile: nobody reads it
+REMOVAL_TIME_S = 30.0  # s until the middleware has forgotten a process that was killed
+OTHER_ROBOT = (
+    '/robot_description: description must be that of {}, got another robot from another node; '
+    "the session's nodes have the configured one"
+)
 FIRST = 1.0  # s of simulated time before the first phase
 DESIGNING = 60.0  # s until state feedback has gains: its process has to start
 ENGAGING = 7.0  # s from gains for a motion until it trusts its estimate
@@ -109,6 +115,7 @@ class Session:
         self._folder = file.folder
         self._health = Health(processes, client)
         client.add_watch(self._health.check)
+        client.add_watch(self._tell_other_robot)
         self._processes = processes
         self._client = client
         self._keep_time()
@@ -140,9 +147,15 @@ class Session:
                 self._await_feedforward()
             self._run_phase(phase)
 
-    def _begin(self) -> None:
-        """Start all nodes, and wait until they hear each other."""
+    def _begin(self, patience: float = 0.0) -> None:
+        """Start all nodes, and wait until they hear each other.
+
+        A busy machine may find the nodes of another session only now. Nodes of this one that were
+        killed may be in the graph for a while, for which there is `patience` [s].
+        """
         self._start(self._names, self._config.phases[0])
+        uses_clock = self._config.time != REAL
+        self._client.require_alone(self._names, uses_clock, own=1, patience=patience)
         if self._time.is_simulated:
             self._await_graph()
         else:
@@ -175,7 +188,7 @@ class Session:
                 self._health.forget(name)
             self._processes.stop_all(STOP_ORDER)
         self._keep_time()
-        self._begin()
+        self._begin(REMOVAL_TIME_S)
 
     def _return_to_start(self) -> None:
         """Have nodes that have moved as they were started, and the recorder begin its bag."""
@@ -272,6 +285,8 @@ class Session:
                 file = self._folder / 'parameters' / f'{name}.yaml'
                 write_parameters(file, self._parameters[name])
                 arguments = ['--ros-args', '--params-file', str(file)]
+                if not self._parameters[name].get('urdf_path'):
+                    arguments += ['--remap', f'{DESCRIPTION_TOPIC}:={SESSION_DESCRIPTION_TOPIC}']
                 self._client.forget(name)
                 self._processes.start(name, ['-m', f'denoc_ros.nodes.{name}', *arguments])
                 self._health.watch(name)
@@ -281,6 +296,12 @@ class Session:
             page = self._client.diagnostics(f'{name}: page')
             for line in (f'open {page["address"]}', page['']) if page else ():
                 self._progress.say(line)
+
+    def _tell_other_robot(self) -> None:
+        """Say once that others have another robot than the session's nodes."""
+        if self._client.has_other_robot and not self._file.notes:
+            self._file.add_note(OTHER_ROBOT.format(self._config.robot.name))
+            self._progress.say(self._file.notes[-1])
 
     def _adapt(self, phase: Phase) -> list[str]:
         """Give the nodes the phase's parameters: live ones are set, others need a new start.
@@ -377,7 +398,8 @@ class Session:
     def _await_graph(self) -> None:
         """Wait, while simulated time stands, until the recorder has found all topics."""
         client = self._client
-        client.await_listeners(len(self._listeners()))
+        if self._task.trajectory is not None:
+            client.await_listeners(len(self._listeners()))
         since: tuple[int, str | None] = (0, None)  # the first report that had the topics of now
 
         def found() -> bool:

@@ -65,6 +65,15 @@ class SessionFile:
         lasted = 1e-9 * sum(each['end_ns'] - each['begin_ns'] for each in finished)
         self.note(time={**self.time, 'factor': lasted / sum(each['wall'] for each in finished)})
 
+    @property
+    def notes(self) -> list[str]:
+        """What a reader of the run must know, beyond its numbers."""
+        return list(self._values.get('notes', []))
+
+    def add_note(self, text: str) -> None:
+        """Add a text to the notes."""
+        self.note(notes=[*self.notes, text])
+
     def note(self, **values: Any) -> None:
         """Note other values, such as `failure`: why the session ended before its end."""
         self._values.update(values)

@@ -231,6 +231,8 @@ def _client(
     try:
         with interrupts.held():
             client = SessionClient(description, task.trajectory is not None, watch, topic)
+        names = [*session_nodes(config, task.bag), *(['player'] if task.bag else [])]
+        client.require_alone(names, config.time != REAL)
         yield client
     finally:
         if client is not None:

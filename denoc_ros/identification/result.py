@@ -31,6 +31,7 @@ from denoc_ros.identification.damping import USABLE, Assigned, assign_damping, c
 from denoc_ros.identification.modes import Modes, strongest
 from denoc_ros.identification.records import Quality, assess
 from denoc_ros.identification.segments import standing_spans
+from denoc_ros.model.mapping_reader import NUMBER, TEXT, MappingReader, Rule, is_number
 from denoc_ros.output_files import Document, plain, write_text
 from denoc_ros.yaml_text import read_yaml_file
 
@@ -263,7 +264,52 @@ def read_result(path: Path) -> Document:
         raise IdentificationError(
             f'{file}: result must be one that denoc identify wrote, got something else'
         )
+    reader = _ResultReader()
+    reader.result(document)
+    if reader.findings:
+        raise IdentificationError('\n'.join(f'{file}: {each}' for each in reader.findings))
     return document
+
+
+class _ResultReader(MappingReader):
+    """Checks the values of a result that verbs read back."""
+
+    def result(self, document: Document) -> None:
+        if document['kind'] == 'modal':
+            for whose, mode in self.entries('modes', document.setdefault('modes', [])):
+                values = {**dict.fromkeys(MODE_RULES), **self.mapping(whose, mode)}
+                self.check(f'{whose}.', values, MODE_RULES)
+                if not self.findings:
+                    numbers = {name: _number(values[name]) for name in MAY_BE_NULL}
+                    mode.update(numbers, interval=[_number(end) for end in values['interval']])
+        model = self.mapping('model', document.setdefault('model', {}))
+        self.check_all('model.joints', model.get('joints'), NUMBER)
+        terms = self.mapping('terms', document.setdefault('terms', {}))
+        for name, term in terms.items():
+            value = {'value': None, **self.mapping(f'terms.{name}', term)}
+            self.check(f'terms.{name}.', value, {'value': NUMBER})
+
+
+def _is_number(value: Any) -> bool:
+    return value is None or is_number(value)
+
+
+def _is_interval(value: Any) -> bool:
+    return isinstance(value, list) and len(value) == 2 and all(map(_is_number, value))
+
+
+def _number(value: float | None) -> float:
+    """Return a number of a document, in which null stands for one that is not finite."""
+    return math.nan if value is None else value
+
+
+MAY_BE_NULL = ('damping_ratio', 'amplitude')
+MODE_RULES: dict[str, Rule] = {
+    'frequency_hz': (lambda value: is_number(value) and value > 0.0, 'a number > 0 Hz'),
+    **dict.fromkeys(MAY_BE_NULL, (_is_number, 'a finite number or null')),
+    'interval': (_is_interval, 'two finite numbers, or null for them'),
+    'verdict': TEXT,
+}
 
 
 def flat_mode(mode: Mapping[str, Any]) -> Document:

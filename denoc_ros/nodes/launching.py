@@ -227,7 +227,7 @@ def node(name: str, params: Any, given: Mapping[str, str]) -> Any:
 
     own: dict[str, Any] = {}
     # a text stays a text: without its type it would be read as YAML
-    if name in WITH_ROBOT and given.get('urdf'):
+    if name in (*WITH_ROBOT, 'recorder') and given.get('urdf'):
         own['urdf_path'] = ParameterValue(given['urdf'], value_type=str)
     if name in WITH_RATE and given.get('update_rate'):
         own['update_rate'] = float(given['update_rate'])

@@ -204,6 +204,10 @@ class ClockPlayer(WithoutEvents):
     ) -> None:
         super().__init__('player')
         self._bag, self._topic, self._listeners = bag, topic, listeners
+        # A publisher has one type: of a topic that was recorded with several, the first is played.
+        self._types: dict[str, str] = {}
+        for recorded in bag_contents(bag).topics:
+            self._types.setdefault(recorded.name, recorded.type)
         first = [log_ns for _, _, log_ns, _ in islice(self._in_order([topic]), 2)]
         if len(first) < 2:
             raise BagError(f'{bag}: {topic} must have at least 2 messages, got {len(first)}')
@@ -245,6 +249,8 @@ class ClockPlayer(WithoutEvents):
         readers: dict[str, Callable[[bytes], int]] = {}
         waiting: list[tuple[int, bool, int, str, bytes]] = []
         for count, (topic, kind, log_ns, raw) in enumerate(read_raw(self._bag, topics)):
+            if kind != self._types[topic]:
+                continue
             if topic not in readers:
                 readers[topic] = stamp_reader(message_class(kind))
             stamp_ns = readers[topic](raw)
@@ -266,6 +272,8 @@ class ClockPlayer(WithoutEvents):
         found = {}
         for recorded in bag_contents(self._bag).topics:
             if recorded.name in OF_THE_MACHINE or self.count_publishers(recorded.name):
+                continue
+            if recorded.type != self._types[recorded.name]:
                 continue
             latched = any(profile.durability == LATCHED.durability for profile in recorded.qos)
             qos = LATCHED if latched else EVERY_MESSAGE

@@ -6,9 +6,9 @@ import math
 import time
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from fnmatch import fnmatchcase
-from operator import itemgetter
+from operator import attrgetter, itemgetter
 from pathlib import Path
 from typing import Any
 
@@ -40,6 +40,7 @@ LOOK_PERIOD = 0.05  # s between looks at the graph: what is published before one
 LOOKS_PER_CHECK = 20  # looks between checks of the offered QoS
 LONGEST_HELD = 500_000_000  # ns of wall time that a message waits for the next of the clock
 AHEAD = 0.05  # s of simulated time that the queues hold of what has not been taken yet
+ONE_TYPE = '{}: topic must have one type at a time, {}, got also {}'
 TRANSPORT = 'transport'  # lost before the recorder had them
 STALL_PERIODS = 5.0  # flush periods without progress of the writing thread that make a stall
 
@@ -55,7 +56,7 @@ class Recorded:
     type: str
     qos: QoSProfile
     subscription: Any
-    gaps: Gaps = field(default_factory=Gaps)
+    gaps: Gaps
 
 
 class Recorder(DenocNode):
@@ -72,7 +73,10 @@ class Recorder(DenocNode):
         self._topics: dict[str, Recorded] = {}
         self._held: list[Taken] = []
         self._last_clock = b''
-        self._refused: set[str] = set()
+        # types that are offered and not recorded, by topic
+        self._refused: dict[str, set[str]] = {}
+        self._changed: Counter[str] = Counter()  # how often a topic went on with another type
+        self._news: list[str] = []  # what the next status warns of
         self._missed: Counter[str] = Counter()
         self._looks = 0
         self._recordings: Counter[str] = Counter()  # by output
@@ -130,6 +134,9 @@ class Recorder(DenocNode):
         self._recordings[settings.text('output')] += 1
         self._marks = self._told_lost = self._told_files = 0
         self._told_failure = False
+        self._refused.clear()
+        self._changed.clear()
+        self._news.clear()
         self._missed.clear()
         self.writer = BackgroundWriter(
             bag,
@@ -225,11 +232,12 @@ class Recorder(DenocNode):
             self.clock_input.miss_nothing()
         self._looks += 1
         for topic, types in self.get_topic_names_and_types():
-            if topic in self._topics:
-                if check:
-                    self._check_offer(topic)
-            elif topic not in self._refused and self._wanted(topic):
-                self._add(topic, types)
+            recorded = self._topics.get(topic)
+            if recorded is None:
+                if (check or topic not in self._refused) and self._wanted(topic):
+                    self._add(topic, Gaps())
+            elif check or types != [recorded.type]:
+                self._check_offer(topic, recorded)
 
     def _wanted(self, topic: str) -> bool:
         patterns = self.settings.texts('topics')
@@ -237,34 +245,69 @@ class Recorder(DenocNode):
             return not any(part.startswith('_') for part in topic.split('/'))
         return any(fnmatchcase(topic, f'/{pattern.lstrip("/")}') for pattern in patterns)
 
-    def _add(self, topic: str, types: Sequence[str]) -> None:
-        offers = self.get_publishers_info_by_topic(topic)
-        if not offers:
+    def _add(self, topic: str, gaps: Gaps) -> None:
+        """Record a topic by the first of its types that is installed."""
+        for name, offers in by_type(self.get_publishers_info_by_topic(topic)).items():
+            if name in self._refused.get(topic, ()):
+                continue
+            try:
+                message_type = message_class(name)
+                self._recording().add_topic(topic, name, offered(offers))
+            except BagError as error:
+                self._refuse(topic, name, str(error))
+                continue
+            self._subscribe(topic, name, message_type, matching(offers), gaps)
             return
-        try:
-            if len(types) > 1:
-                raise BagError(f'{topic}: must have one type, got {", ".join(sorted(types))}')
-            message_type = message_class(types[0])
-            self._recording().add_topic(topic, types[0], offered(offers))
-        except BagError as error:
-            self._refused.add(topic)
-            self.get_logger().warning(f'not recorded: {error}')
-            return
-        self._subscribe(topic, types[0], message_type, matching(offers))
 
-    def _check_offer(self, topic: str) -> None:
-        recorded = self._topics[topic]
-        offers = self.get_publishers_info_by_topic(topic)
-        if not offers or same(matching(offers), recorded.qos):
+    def _check_offer(self, topic: str, recorded: Recorded) -> None:
+        """Subscribe by what the publishers of a topic offer now.
+
+        The middleware gives a process one type of a topic at a time. The recorded one stays until
+        nobody publishes it.
+        """
+        offers = by_type(self.get_publishers_info_by_topic(topic))
+        own = offers.pop(recorded.type, None)
+        if own is None:
+            if offers:
+                self._change_type(topic, recorded, next(iter(offers)))
+            return
+        for name in offers:
+            self._refuse(topic, name, ONE_TYPE.format(topic, recorded.type, name))
+        if same(matching(own), recorded.qos):
             return
         self.get_logger().warning(f'{topic}: offered QoS changed, subscribing anew')
         self._take()
         self.drop(recorded.subscription)
-        self._subscribe(topic, recorded.type, message_class(recorded.type), matching(offers))
+        kind = message_class(recorded.type)
+        self._subscribe(topic, recorded.type, kind, matching(own), recorded.gaps)
 
-    def _subscribe(self, topic: str, name: str, message_type: type, qos: QoSProfile) -> None:
+    def _change_type(self, topic: str, recorded: Recorded, name: str) -> None:
+        """Go on with another type of a topic, whose messages so far are in the bag by then."""
+        self._take(last=True)
+        self.drop(recorded.subscription)
+        del self._topics[topic]
+        self._refused.pop(topic, None)
+        self._changed[topic] += 1
+        self._warn(f'{topic}: type changed from {recorded.type} to {name}')
+        # What was sent of the other type while this one was recorded is lost.
+        self._add(topic, Gaps(0))
+
+    def _refuse(self, topic: str, name: str, why: str) -> None:
+        """Say once why messages of a type are not recorded."""
+        refused = self._refused.setdefault(topic, set())
+        if name not in refused:
+            refused.add(name)
+            self._warn(f'not recorded: {why}')
+
+    def _warn(self, text: str) -> None:
+        self.get_logger().warning(text)
+        self._news.append(text)
+
+    def _subscribe(
+        self, topic: str, name: str, message_type: type, qos: QoSProfile, gaps: Gaps
+    ) -> None:
         subscription = subscribe_aside(self, message_type, topic, qos)
-        self._topics[topic] = Recorded(name, qos, subscription)
+        self._topics[topic] = Recorded(name, qos, subscription, gaps)
 
     def _take(self, last: bool = False) -> None:
         """Put the messages since the last call into the bag, topics in the order of time."""
@@ -357,9 +400,14 @@ class Recorder(DenocNode):
             'lost': total,
             'stalled_s': now.stalled,
             'files_lost': len(now.losses),
+            'types_changed': self._changed.total(),
+            'types_refused': sum(map(len, self._refused.values())),
             **{f'lost {topic}': count for topic, count in sorted(lost.items())},
             **{f'lost by {cause}': count for cause, count in sorted(causes.items())},
         }
+        for text in self._news:
+            status.worsen(WARN, text)
+        self._news.clear()
         if now.losses:
             status.worsen(WARN, str(now.losses[-1]))
         if total > self._told_lost:
@@ -386,6 +434,14 @@ def matching(offers: Sequence[Any]) -> QoSProfile:
         reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
         durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
     )
+
+
+def by_type(offers: Sequence[Any]) -> dict[str, list[Any]]:
+    """Return the offers of a topic's publishers by the type of their messages."""
+    found: dict[str, list[Any]] = {}
+    for offer in sorted(offers, key=attrgetter('topic_type')):
+        found.setdefault(offer.topic_type, []).append(offer)
+    return found
 
 
 def same(one: QoSProfile, other: QoSProfile) -> bool:

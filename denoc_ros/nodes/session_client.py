@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from typing import Any
 
 import rclpy
@@ -20,6 +21,7 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
+from denoc_ros.bags.reader import DESCRIPTION_TOPIC, SESSION_DESCRIPTION_TOPIC
 from denoc_ros.errors import DenocError
 from denoc_ros.nodes.guarded_node import WithoutEvents, leave_graph
 from denoc_ros.nodes.inputs import arrived
@@ -35,6 +37,8 @@ ASKED_TOPIC = '/up/asked'  # the motion that a reference was shaped from
 REFERENCE_STEP = 0.05  # s; the quintics between such points are exact to 1e-9 rad
 LARGEST_MESSAGE = 60_000  # bytes: a best-effort message should fit one datagram
 DISCOVERY = 0.5  # s in which those who are there already make themselves known
+# s since this node has joined in which those of other sessions are found, on a busy machine
+OTHERS_DISCOVERY_S = 2.0
 # s until a request is sent again: one that comes before the server has found the client is lost
 RETRY = 1.0
 PATIENCE = 30.0  # s that a service may take to answer on a loaded machine
@@ -61,13 +65,19 @@ class SessionClient:
     Parameters
     ----------
     description : str
-        URDF text, latched on `robot_description` unless somebody else publishes there.
+        URDF text, latched on `SESSION_DESCRIPTION_TOPIC`, and on `robot_description` unless
+        somebody else publishes there.
     drives : bool
         Whether it publishes `reference`: a second publisher there would be refused by the nodes.
     watch : callable
         Called during every wait, about every 20 ms; raises when the wait is pointless.
     topic : str
         Where it publishes instead of `reference`, such as the shaper's input.
+
+    Attributes
+    ----------
+    has_other_robot : bool
+        Whether `robot_description` has had another text than `description`.
     """
 
     def __init__(
@@ -84,17 +94,19 @@ class SessionClient:
         self._reports: Counter[str] = Counter()
         self._reported_ns: dict[str, int] = {}
         self._clock_ns = -1
+        self._text = description
+        self.has_other_robot = False
         rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
         self._node = Driver('up', use_global_arguments=False)
         self._executor = EventsExecutor()
         self._thread = threading.Thread(target=self._spin, name='driver', daemon=True)
         try:
-            self._join(description, topic if drives else '')
+            self._join(topic if drives else '')
         except BaseException:
             self.close()
             raise
 
-    def _join(self, description: str, topic: str) -> None:
+    def _join(self, topic: str) -> None:
         """Publish and listen; give the robot where nobody else does."""
         node = self._node
         node.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 50)
@@ -106,11 +118,61 @@ class SessionClient:
         self._phase = node.create_publisher(String, '/up/phase', MARKS)
         qos = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
         node.clock = node.create_subscription(Clock, '/clock', lambda _raw: None, qos, raw=True)
+        node.create_subscription(String, DESCRIPTION_TOPIC, self._on_description, LATCHED)
         self._executor.add_node(node)
+        self._joined = time.perf_counter()
         self._thread.start()
-        if not self.until(lambda: bool(node.count_publishers('robot_description')), DISCOVERY):
-            self._description = node.create_publisher(String, 'robot_description', LATCHED)
-            self._description.publish(String(data=description))
+        self._publish_robot(SESSION_DESCRIPTION_TOPIC)
+        if not self.until(lambda: bool(node.count_publishers(DESCRIPTION_TOPIC)), DISCOVERY):
+            self._publish_robot(DESCRIPTION_TOPIC)
+
+    def _publish_robot(self, topic: str) -> None:
+        publisher = self._node.create_publisher(String, topic, LATCHED)
+        publisher.publish(String(data=self._text))
+
+    def _on_description(self, message: Any) -> None:
+        self.has_other_robot |= message.data != self._text
+
+    def require_alone(
+        self, names: Collection[str], uses_clock: bool, own: int = 0, patience: float = 0.0
+    ) -> None:
+        """Refuse nodes of another session, which would take this one's messages for their own.
+
+        Parameters
+        ----------
+        names : collection of str
+            Nodes of the session.
+        uses_clock : bool
+            Whether simulated time may come from it.
+        own : int
+            How many nodes of each name, and publishers of /clock, are the session's.
+        patience : float
+            For the middleware to forget nodes of the session that were killed [s].
+
+        Raises
+        ------
+        NodeError
+            With those that the graph has beyond the session's own.
+        """
+        others: list[str] = []
+
+        def finds_others() -> bool:
+            there = Counter(self._node.get_node_names_and_namespaces())
+            others[:] = [f'/{name}' for name in names if there[name, '/'] > own]
+            others.extend(['/up'] if there['up', '/'] > 1 else [])
+            if uses_clock and self.clock_publishers() > own:
+                others.append('a publisher of /clock')
+            return bool(others)
+
+        if own:
+            self.until(lambda: not finds_others(), patience)
+        else:  # Others take a while to be found.
+            self.until(finds_others, self._joined + OTHERS_DISCOVERY_S - time.perf_counter())
+        if others:
+            raise NodeError(
+                f'ROS domain {os.environ.get("ROS_DOMAIN_ID", 0)}: nodes of other sessions must '
+                f'not run, got {", ".join(others)}; end them or set another ROS_DOMAIN_ID'
+            )
 
     def __enter__(self) -> SessionClient:
         """Return itself."""
@@ -174,6 +236,15 @@ class SessionClient:
         for raw, *_ in arrived(self._node.clock, 1):
             self._clock_ns = time_ns(raw)
         return self._clock_ns
+
+    def clock_publishers(self) -> int:
+        """Return how many publishers /clock has."""
+        return int(self._node.count_publishers('/clock'))
+
+    def reported(self, what: str) -> str:
+        """Return in words what all nodes report of a status such as `clock`."""
+        found = [each for each in sorted(self._statuses.items()) if each[0].endswith(f': {what}')]
+        return '; '.join(f'{name}: {values[""]}' for name, values in found) or 'nothing'
 
     def forget(self, name: str) -> None:
         """Forget a node's reports: it is about to be started anew."""

@@ -157,17 +157,18 @@ def _write(work: _Work, bag: Path, output: Path) -> None:
                 writer.add_topic(topic.name, topic.type, topic.qos, topic.definition)
         for name in work.topics:
             writer.add_topic(name, JOINT_STATE)
-        for log_ns, topic_name, raw in heapq.merge(
-            _recorded(bag), work.messages(), key=lambda message: message[0]
+        made = ((*message, JOINT_STATE) for message in work.messages())
+        for log_ns, topic_name, raw, kind in heapq.merge(
+            _recorded(bag), made, key=lambda message: message[0]
         ):
-            writer.write(topic_name, log_ns, raw)
+            writer.write(topic_name, log_ns, raw, type_name=kind)
 
 
-def _recorded(bag: Path) -> Iterator[Message]:
-    """Yield the recorded messages without those of an older replay."""
-    for topic, _, log_ns, raw in read_raw(bag):
+def _recorded(bag: Path) -> Iterator[tuple[int, str, bytes, str]]:
+    """Yield the recorded messages, each with its type, without those of an older replay."""
+    for topic, kind, log_ns, raw in read_raw(bag):
         if not topic.startswith(PREFIX):
-            yield log_ns, topic, raw
+            yield log_ns, topic, raw, kind
 
 
 def _torques(model: TorqueReplay, t: Array, block: Block) -> Torques:

@@ -160,6 +160,8 @@ def summary_lines(summary: Mapping[str, Any]) -> Iterator[str]:
     """Yield the lines: tracking by phase, deflection by link, loops, recording."""
     if words := time_in_words(summary.get('time', {})):
         yield f'time    {words}'
+    for note in summary.get('notes', ()):
+        yield f'note    {note}'
     phases = summary['phases']
     for name, phase in phases.items():
         if 'joint_error' in phase:

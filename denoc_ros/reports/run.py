@@ -41,7 +41,7 @@ from denoc_ros.simulation.simulate import Run
 SIZE = (460, 360)  # pixels of one moment: readable at a phone's width
 RATE = 20.0  # Hz, of the moments that are read: few are shown
 COUNT = 6
-NOTED = ('time', 'beams', 'failure')  # of a session, in the numbers of its run
+NOTED = ('time', 'beams', 'failure', 'notes')  # of a session, in the numbers of its run
 
 
 def moments(bag: Path, robot: Robot | None) -> PageSection | None:
@@ -253,6 +253,7 @@ def _page(found: _Found, command: str) -> ReportPage:
         ],
         sections=[
             sections.failure(found.session.get('failure', '')),
+            sections.notes(found.session.get('notes', ())),
             moments(found.recording.path, found.robot),
             sections.tip(phases),
             sections.tracking(phases, units),

@@ -9,19 +9,20 @@ from typing import Any
 
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import BagError
+from denoc_ros.model.findings import as_text
+from denoc_ros.model.mapping_reader import (
+    NUMBER,
+    TEXT,
+    MappingReader,
+    Rule,
+    are_numbers,
+)
 
 EARTH = (0.0, 0.0, -9.81)  # m/s^2, where nothing is said
 FORMATS = ('.mcap', '.db3', '.csv', '.tsv', '.txt', '.dat', '.mat', '.json')
 BAG_FOLDER = 'bag'
 SESSION_FILE = 'session.json'
-SESSION_KINDS: dict[str, type] = {
-    **dict.fromkeys(
-        ('kind', 'name', 'robot', 'tip', 'command', 'scenario', 'failure', 'beams'), str
-    ),
-    **dict.fromkeys(('model', 'plant', 'versions', 'time'), dict),
-    **dict.fromkeys(('gravity', 'phases'), list),
-    'geometric_stiffness': bool,
-}
+LATEST_NS = 2**63  # stamps of messages and bags are below [ns]
 SIMULATED = 'simulate'  # kind of a session
 STEPPED = 'simulated'  # mode of a session's time
 
@@ -56,7 +57,17 @@ def plant_of(robot: Robot, session: Mapping[str, Any]) -> Robot:
 
 
 def read_session(run_path: Path) -> dict[str, Any]:
-    """Session document of a run's directory, or of a bag of `denoc simulate`; else empty."""
+    """Return the session document of a run's directory, or of a bag of `denoc simulate`.
+
+    It is empty where there is none.
+
+    Raises
+    ------
+    BagError
+        It is no JSON.
+    ConfigError
+        Its values are of other kinds than those that sessions have; every finding.
+    """
     from denoc_ros.bags.reader import SESSION_ATTACHMENT, read_attachment
 
     file = run_path / SESSION_FILE
@@ -69,13 +80,64 @@ def read_session(run_path: Path) -> dict[str, Any]:
         return {}
     try:
         session = json.loads(text)
+        # Python's JSON has numbers and characters that no page and no other JSON can have.
+        json.dumps(session, allow_nan=False, ensure_ascii=False).encode()
     except (ValueError, RecursionError) as error:
         raise BagError(f'{run_path}: {SESSION_FILE} must be JSON, got: {error}') from error
-    kinds = [(name, SESSION_KINDS.get(name)) for name in session if isinstance(session, dict)]
-    wrong = [name for name, kind in kinds if kind and not isinstance(session[name], kind)]
-    if wrong or not isinstance(session, dict):
-        raise BagError(
-            f'{run_path}: {SESSION_FILE} must be what denoc up or simulate wrote, got other '
-            f'values: {", ".join(wrong) or repr(session)[:60]}'
-        )
-    return session
+    reader = _SessionReader()
+    document = reader.session(session)
+    reader.finish(f'{run_path}: {SESSION_FILE}')
+    return document
+
+
+class _SessionReader(MappingReader):
+    """Checks the document that a session or a simulation wrote, as far as it is read."""
+
+    def session(self, document: Any) -> dict[str, Any]:
+        """Return the values that are given: null gives none."""
+        given = self.mapping('the document', document).items()
+        values = {name: value for name, value in given if value is not None}
+        self.check('', values, SESSION_RULES)
+        for name in ('model', 'plant'):
+            self.check_all(name, values.get(name), OVERRIDE)
+        self.check_all('versions', values.get('versions'), TEXT)
+        self.check('time.', self.mapping('time', values.get('time')), TIME_RULES)
+        for whose, phase in self.entries('phases', values.get('phases')):
+            self._phase(whose, phase)
+        for whose, note in self.entries('notes', values.get('notes')):
+            self.check('', {whose: note}, {whose: TEXT})
+        return values
+
+    def _phase(self, whose: str, phase: Any) -> None:
+        values = self.mapping(whose, phase)
+        self.check(f'{whose}.', {**dict.fromkeys(PHASE_RULES), **values}, PHASE_RULES)
+        begin_ns: Any = values.get('begin_ns')
+        end_ns: Any = values.get('end_ns')
+        if _is_stamp(begin_ns) and _is_stamp(end_ns) and end_ns < begin_ns:
+            self.fail(f'{whose}.end_ns', f'be {begin_ns} or more', end_ns)
+
+
+def _is_stamp(value: Any) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool) and 0 <= value < LATEST_NS
+
+
+STAMP: Rule = (_is_stamp, 'a whole number of ns from 0 to 2^63')
+OVERRIDE: Rule = (lambda value: as_text(value) is not None, 'a number, a text or some of them')
+SESSION_RULES: dict[str, Rule] = {
+    **dict.fromkeys(
+        ('kind', 'name', 'robot', 'tip', 'command', 'scenario', 'failure', 'beams'), TEXT
+    ),
+    'gravity': (
+        lambda value: are_numbers(value) and len(value) == 3,
+        'three finite numbers [m/s^2]',
+    ),
+    'geometric_stiffness': (lambda value: isinstance(value, bool), 'true or false'),
+}
+TIME_RULES: dict[str, Rule] = {
+    'mode': TEXT, 'why': TEXT, 'begun_ns': STAMP, 'factor': NUMBER,
+}  # fmt: skip
+PHASE_RULES: dict[str, Rule] = {
+    'name': TEXT,
+    'begin_ns': STAMP,
+    'end_ns': (lambda value: value is None or _is_stamp(value), f'null or {STAMP[1]}'),
+}

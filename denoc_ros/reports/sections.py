@@ -71,6 +71,13 @@ def failure(text: str) -> PageSection | None:
     )
 
 
+def notes(texts: Sequence[str]) -> PageSection | None:
+    """Return the section on what a session has noted, None where it has nothing."""
+    if not texts:
+        return None
+    return PageSection('Notes of the session', ' '.join(f'{without_folders(t)}.' for t in texts))
+
+
 def without_folders(text: str) -> str:
     """Return a text with files by their names only: a page tells nobody's folders."""
     return FOLDERS.sub('', text)

@@ -85,10 +85,16 @@ class Gaps:
 
     Messages do not say whose they are: of several publishers a number that jumps may be another's,
     so nothing is counted then.
+
+    Parameters
+    ----------
+    last : int, optional
+        Number of the last message that is not missed: 0 where all of a publisher's are meant for
+        here. Default: the first that comes.
     """
 
-    def __init__(self) -> None:
-        self._last: int | None = None
+    def __init__(self, last: int | None = None) -> None:
+        self._last = last
 
     def missed(self, number: int | None, publishers: int) -> int:
         """Take a message's number and how many publishers there are; return how many are missing.

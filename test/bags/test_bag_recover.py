@@ -125,6 +125,50 @@ def test_split_bag_is_recovered_file_by_file_in_order(tmp_path: Path) -> None:
     assert [item.log_ns for item in read_bag(result.path)] == list(range(1, 1101))
 
 
+@pytest.mark.parametrize('size', range(8))
+def test_a_file_torn_in_its_first_bytes_spoils_no_other(tmp_path: Path, size: int) -> None:
+    run = cut_off_bag(tmp_path, count=300, split=100)
+    os.truncate(run / 'run_1.mcap', size)
+    result = recover(run)
+    assert result.torn == ('run_1.mcap', 'run_2.mcap')
+    assert result.left_out == ()
+    assert [item.log_ns for item in read_bag(result.path)] == [*range(1, 101), *range(201, 301)]
+
+
+def test_records_behind_a_damaged_first_byte_are_recovered(tmp_path: Path) -> None:
+    run = cut_off_bag(tmp_path, count=300, split=100)
+    content = (run / 'run_1.mcap').read_bytes()
+    (run / 'run_1.mcap').write_bytes(b'\x00' + content[1:])
+    result = recover(run)
+    assert result.torn == ('run_1.mcap', 'run_2.mcap')
+    assert [item.log_ns for item in read_bag(result.path)] == list(range(1, 301))
+
+
+def test_a_file_that_is_no_mcap_is_left_out_and_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run = cut_off_bag(tmp_path, count=300, split=100)
+    (run / 'run_1.mcap').write_text('hello')
+    assert main(['recover', str(run)]) == 2
+    assert 'run_1.mcap was left out: it is no MCAP file' in capsys.readouterr().out
+    kept = [item.log_ns for item in read_bag(tmp_path / 'run_recovered')]
+    assert kept == [*range(1, 101), *range(201, 301)]
+
+
+@pytest.mark.parametrize('name', ['metadata.yaml', 'run_0.mcap', 'run_1.mcap'])
+@pytest.mark.parametrize('size', [0, 5])
+def test_a_torn_file_of_a_bag_leads_to_its_recovery(tmp_path: Path, name: str, size: int) -> None:
+    with BagWriter(tmp_path / 'run') as writer:
+        writer.add_topic('/joint_states', JOINT_STATE)
+        writer.split()
+        writer.write_message('/joint_states', 1, name=['a'], position=[0.0])
+    os.truncate(tmp_path / 'run' / name, size)
+    with pytest.raises(BagError, match='run: denoc recover'):
+        list(read_bag(tmp_path / 'run'))
+    recovered = recover(tmp_path / 'run')
+    assert len(list(read_bag(recovered.path))) == (name != 'run_1.mcap')
+
+
 def test_single_file_becomes_a_single_file_on_request(tmp_path: Path) -> None:
     run = cut_off_bag(tmp_path)
     result = recover(run / 'run_0.mcap', tmp_path / 'whole.mcap')
@@ -159,6 +203,9 @@ def test_damaged_chunk_is_left_out_and_reported(tmp_path: Path) -> None:
 def test_what_is_no_mcap_is_refused(tmp_path: Path) -> None:
     (tmp_path / 'text.mcap').write_text('hello')
     with pytest.raises(BagError, match='must be an MCAP file'):
+        recover(tmp_path / 'text.mcap')
+    (tmp_path / 'text.mcap').write_text('')
+    with pytest.raises(BagError, match='must be an MCAP file, got an empty one'):
         recover(tmp_path / 'text.mcap')
     with pytest.raises(BagError, match=r'must be a \.mcap file or a folder'):
         recover(tmp_path / 'nothing.mcap')

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import errno
+import os
 import resource
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -18,11 +21,16 @@ from rosbags.rosbag2 import Reader
 
 from denoc_ros.bags.definitions import encode, message_definition
 from denoc_ros.bags.metadata import Qos
-from denoc_ros.bags.reader import read_attachment, read_bag
+from denoc_ros.bags.reader import bag_contents, read_attachment, read_bag
+from denoc_ros.bags.recover import recover
+from denoc_ros.bags.run import read_run
+from denoc_ros.bags.storage import DiskFile
 from denoc_ros.bags.writer import BagWriter
 from denoc_ros.errors import BagError
 
 JOINT_STATE = 'sensor_msgs/msg/JointState'
+FLOAT, TEXT = 'std_msgs/msg/Float64', 'std_msgs/msg/String'
+VALUES: dict[str, Any] = {FLOAT: 2.5, TEXT: 'two'}
 START_NS = 1_700_000_000_123_456_789
 
 
@@ -239,6 +247,34 @@ def test_bare_file_cannot_split(tmp_path: Path) -> None:
         writer.split()
 
 
+def test_a_topic_has_a_channel_for_each_of_its_types(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / 'run') as writer:
+        for stamp_ns, kind in enumerate([FLOAT, FLOAT, TEXT, FLOAT], 1):
+            writer.add_topic('/a', kind)
+            writer.write_message('/a', stamp_ns, data=VALUES[kind])
+        writer.split()
+        writer.write('/a', 5, encode(TEXT, 5, {'data': VALUES[TEXT]}), type_name=TEXT)
+    cut = tmp_path / 'cut'
+    shutil.copytree(tmp_path / 'run', cut)
+    for path in (tmp_path / 'run', recover(cut).path):
+        kept = [(item.type, item.message.data) for item in read_bag(path)]
+        assert kept == [(kind, VALUES[kind]) for kind in (FLOAT, FLOAT, TEXT, FLOAT, TEXT)]
+        with Reader(path) as reader:
+            counts = {each.msgtype: each.msgcount for each in reader.connections}
+            assert (counts, reader.message_count) == ({FLOAT: 3, TEXT: 2}, 5)
+        assert {each.type: each.messages for each in bag_contents(path).topics} == counts
+
+
+def test_a_report_has_the_joint_states_of_a_topic_with_other_types(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / 'run') as writer:
+        for kind in (TEXT, JOINT_STATE, TEXT):
+            writer.add_topic('/joint_states', kind)
+            writer.write('/joint_states', 1, encode(kind, 1, {}), type_name=kind)
+    run = read_run(tmp_path / 'run')
+    assert len(run.joint_states['/joint_states'].t) == 1
+    assert run.counts == {'/joint_states': 3}
+
+
 def test_unwritable_place_is_a_clear_error(tmp_path: Path) -> None:
     (tmp_path / 'file').write_text('')
     with pytest.raises(BagError, match='output must be writable'):
@@ -249,8 +285,8 @@ def test_wrong_use_says_what_must_hold(tmp_path: Path) -> None:
     with BagWriter(tmp_path / 'run') as writer:
         writer.add_topic('/a', JOINT_STATE)
         writer.add_topic('/a', JOINT_STATE)
-        with pytest.raises(BagError, match='must keep its type'):
-            writer.add_topic('/a', 'std_msgs/msg/String')
+        with pytest.raises(BagError, match='topic /a must be added as std_msgs/msg/String before'):
+            writer.write('/a', 0, b'', type_name='std_msgs/msg/String')
         with pytest.raises(BagError, match='definition must be installed'):
             writer.add_topic('/b', 'nobody_msgs/msg/Nothing')
         with pytest.raises(BagError, match='must be added before'):
@@ -273,6 +309,7 @@ import resource, sys
 from pathlib import Path
 sys.path.insert(0, sys.argv[2])
 from test_bag_writer import write_joint_states
+from denoc_ros.bags.storage import DiskFile
 from denoc_ros.bags.writer import BagWriter
 from denoc_ros.errors import BagError
 resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[3]), resource.RLIM_INFINITY))
@@ -297,3 +334,85 @@ def test_refusing_disk_leaves_a_whole_bag_up_to_the_last_flush(tmp_path: Path, l
     assert count % 100 == 0
     assert f'closed with {count} messages, the last 100 are lost' in done.stdout
     assert resource.getrlimit(resource.RLIMIT_FSIZE)[0] == resource.RLIM_INFINITY
+
+
+def refuse_writes(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+    """Let the disk take no byte of files of a name."""
+    write = DiskFile.write
+
+    def refuse(disk: DiskFile, block: bytes) -> int:
+        if Path(f'/proc/self/fd/{disk._descriptor}').readlink().name == name:
+            raise OSError(errno.ENOSPC, 'No space left on device')
+        return write(disk, block)
+
+    monkeypatch.setattr(DiskFile, 'write', refuse)
+
+
+def open_files() -> int:
+    return len(os.listdir('/proc/self/fd'))
+
+
+@pytest.mark.parametrize('name', ['run_0.mcap', 'run.mcap'])
+def test_a_disk_without_room_for_a_first_file_keeps_nothing_of_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    refuse_writes(monkeypatch, name)
+    before = open_files()
+    with pytest.raises(BagError, match='output must be writable, got: No space left on device'):
+        BagWriter(tmp_path / ('run' if '_' in name else name))
+    assert list(tmp_path.iterdir()) == []
+    assert open_files() == before
+
+
+def test_a_disk_that_is_full_at_a_split_keeps_a_whole_bag_and_no_stub(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before = open_files()
+    writer = BagWriter(tmp_path / 'run')
+    write_joint_states(writer, 10)
+    refuse_writes(monkeypatch, 'run_1.mcap')
+    with pytest.raises(BagError, match='closed with 10 messages, the last 0 are lost'):
+        writer.split()
+    assert open_files() == before
+    assert {file.name for file in (tmp_path / 'run').iterdir()} == {'run_0.mcap', 'metadata.yaml'}
+    assert len(list(read_bag(tmp_path / 'run'))) == 10
+
+
+def test_a_finished_file_and_its_name_are_on_the_disk(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    synced: list[tuple[str, int]] = []
+
+    def note(descriptor: int) -> None:
+        path = Path(f'/proc/self/fd/{descriptor}').readlink()
+        synced.append((path.name, path.stat().st_size))
+
+    monkeypatch.setattr(os, 'fsync', note)
+    run = tmp_path / 'run'
+    with BagWriter(run) as writer:
+        write_joint_states(writer, 10)
+        writer.split()
+        assert synced == [('run_0.mcap', (run / 'run_0.mcap').stat().st_size)]
+        synced.clear()
+    names = [name for name, _ in synced]
+    # Metadata come first: a process that is killed while the disk is slow keeps a whole bag.
+    assert names == ['.metadata.yaml.tmp', 'run', 'run_1.mcap']
+    assert synced[-1][1] == (run / 'run_1.mcap').stat().st_size
+
+
+@pytest.mark.parametrize('end', ['split', 'close'])
+def test_a_disk_that_fails_to_keep_a_finished_file_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, end: str
+) -> None:
+    before = open_files()
+    writer = BagWriter(tmp_path / 'run')
+    write_joint_states(writer, 10)
+
+    def fail(_descriptor: int) -> None:
+        raise OSError(errno.EIO, 'Input/output error')
+
+    monkeypatch.setattr(os, 'fsync', fail)
+    with pytest.raises(BagError, match='disk must take what is recorded, got: Input/output error'):
+        getattr(writer, end)()
+    assert open_files() == before
+    assert not (tmp_path / 'run' / '.metadata.yaml.tmp').exists()

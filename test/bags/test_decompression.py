@@ -100,7 +100,7 @@ def test_a_small_file_does_not_fill_the_memory(
 def test_yaml_of_a_bag_has_the_bounds_of_all_yaml(tmp_path: Path, text: str) -> None:
     file = McapFile(tmp_path / 'a.mcap', 'none')
     file.add_topic(Topic('/a', 'std_msgs/msg/String', text), 'string data')
-    file.write('/a', 1, b'\x00\x01\x00\x00\x02\x00\x00\x00a\x00', 1)
+    file.write(('/a', 'std_msgs/msg/String'), 1, b'\x00\x01\x00\x00\x02\x00\x00\x00a\x00', 1)
     file.finish()
     with pytest.raises(BagError, match='aliases must repeat at most'):
         list(read_bag(file.path))

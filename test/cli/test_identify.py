@@ -6,6 +6,7 @@ import argparse
 import importlib
 import inspect
 import json
+import re
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -239,6 +240,52 @@ def test_applied_damping_is_what_rang(
     assert main(['identify', 'compare', results[0], results[0]]) == 0
     assert main([*apply[:2], str(bag), *apply[3:], '-o', str(tmp_path / 'x.urdf')]) == 1
     assert 'result must be readable' in capsys.readouterr().err
+
+
+MODE = 'frequency_hz: 2, damping_ratio: 0.1, amplitude: 1, interval: [0, 1], verdict: good'
+
+
+@pytest.mark.parametrize(
+    ('text', 'finding'),
+    [
+        ('{kind: modal, modes: 3}', 'modes must be a list, got 3'),
+        ('{kind: modal, modes: [3]}', r'modes\[0\] must be a mapping, got 3'),
+        (
+            '{kind: modal, modes: [{}]}',
+            r'modes\[0\].frequency_hz must be a number > 0 Hz, got None',
+        ),
+        (f'{{kind: modal, modes: [{{{MODE}, interval: 3}}]}}', 'interval must be two finite'),
+        (f'{{kind: modal, modes: [{{{MODE}, verdict: 3}}]}}', 'verdict must be a text, got 3'),
+        ('{kind: modal, model: {joints: {a: b}}}', 'model.joints.a must be a finite number'),
+        ('{kind: joint, terms: {viscous: {}}}', 'terms.viscous.value must be a finite number'),
+        ('{kind: joint, terms: [1]}', 'terms must be a mapping'),
+    ],
+)
+@pytest.mark.parametrize('verb', ['compare', 'apply', 'postures'])
+def test_a_damaged_result_is_refused(
+    tmp_path: Path,
+    repository: Path,
+    capsys: pytest.CaptureFixture[str],
+    verb: str,
+    text: str,
+    finding: str,
+) -> None:
+    file = tmp_path / 'result.yaml'
+    file.write_text(text)
+    robot = ['--robot', str(repository / 'config/robots/canadarm.urdf')]
+    options = {
+        'compare': [str(file)],
+        'apply': [*robot, '-o', str(tmp_path / 'new.urdf')],
+        'postures': ['-o', str(tmp_path / 'new.yaml')],
+    }
+    assert main(['identify', verb, str(file), *options[verb]]) == 1
+    assert re.search(f'result.yaml: .*{finding}', capsys.readouterr().err)
+
+
+def test_a_result_whose_numbers_are_not_finite_can_be_compared(tmp_path: Path) -> None:
+    file = tmp_path / 'result.yaml'
+    file.write_text(f'{{kind: modal, modes: [{{{MODE}, interval: [null, null]}}]}}')
+    assert main(['identify', 'compare', str(file), str(file)]) == 0
 
 
 def test_options_of_actions_are_the_arguments_of_their_computations() -> None:

@@ -100,8 +100,29 @@ def test_what_is_no_run_is_refused(
     [
         ('{', 'session.json must be JSON'),
         ('[' * 100_000, 'session.json must be JSON'),
-        ('[1]', r'session.json must be what .* got other values: \[1\]'),
-        ('{"gravity": "down", "model": 3}', 'got other values: gravity, model'),
+        ('{"name": "\\ud800"}', 'session.json must be JSON'),
+        ('{"other": NaN}', 'session.json must be JSON'),
+        ('[1]', r'session.json: the document must be a mapping, got \[1\]'),
+        (
+            '{"gravity": "down", "model": 3}',
+            r'(?s)session.json: gravity must be three finite .*json: model must be a mapping',
+        ),
+        ('{"gravity": [0, 0]}', r'gravity must be three finite numbers \[m/s\^2\], got \[0, 0\]'),
+        ('{"phases": [{"name": 1}]}', r'phases\[0\].name must be a text, got 1'),
+        ('{"phases": [3]}', r'phases\[0\] must be a mapping, got 3'),
+        ('{"phases": {}}', 'phases must be a list'),
+        (
+            '{"phases": [{"name": "a", "begin_ns": "z"}]}',
+            r"phases\[0\].begin_ns must be a whole number of ns .*, got 'z'",
+        ),
+        (
+            '{"phases": [{"name": "a", "begin_ns": 5, "end_ns": 4}]}',
+            r'phases\[0\].end_ns must be 5 or more, got 4',
+        ),
+        ('{"time": {"begun_ns": "z"}}', 'time.begun_ns must be a whole number of ns'),
+        ('{"time": {"factor": "fast"}}', 'time.factor must be a finite number'),
+        ('{"plant": {"joint.j1.damping": {}}}', 'plant.joint.j1.damping must be a number, a text'),
+        ('{"versions": {"python": 3}}', 'versions.python must be a text, got 3'),
     ],
 )
 def test_a_session_that_is_none_is_refused(
@@ -109,8 +130,12 @@ def test_a_session_that_is_none_is_refused(
 ) -> None:
     run = recorded_run()
     (run / 'session.json').write_text(session)
-    assert main(['report', str(run)]) == 1
-    assert re.search(match, capsys.readouterr().err)
+    for verb in ('report', 'view', 'replay'):
+        arguments = {'view': ['--strip', str(run / 'strip.png')]}.get(verb, [])
+        assert main([verb, str(run), *arguments]) == 1
+        said = capsys.readouterr().err
+        assert re.search(match, said), said
+        assert 'Traceback' not in said
 
 
 def test_thinning_keeps_the_extremes() -> None:

@@ -15,6 +15,7 @@ from denoc_ros.cli.processes import ProcessError, Processes
 from denoc_ros.cli.progress import Progress
 from denoc_ros.cli.session import Session, Task
 from denoc_ros.cli.session_file import SessionFile
+from denoc_ros.errors import DenocError
 from denoc_ros.reports.run_files import read_session
 from denoc_ros.simulation.reference import trajectory_from_config
 
@@ -69,6 +70,8 @@ class Client:
         self.putting_back: list[float] = []  # s that the plant takes for it, each time
         self.done: list[str] = []
         self.ended = 0.0
+        self.has_other_robot = False
+        self.others = ''  # nodes of another session, found late
 
     def diagnostics(self, status: str) -> dict[str, str]:
         if status == 'shaper: inputs':
@@ -105,6 +108,10 @@ class Client:
 
     def end_phase(self) -> None:
         self.ended = self._clock.now
+
+    def require_alone(self, _names: Any, _uses_clock: bool, own: int = 0, **_: Any) -> None:
+        if own and self.others:
+            raise DenocError(self.others)
 
     def reports(self, _: str) -> int:
         return round(10.0 * self._clock.now)
@@ -143,6 +150,7 @@ def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Client
         joints: list[str] = JOINTS,
         finding: float = 0.0,
         putting_back: Sequence[float] = (),
+        others: str = '',
     ) -> Client:
         file = tmp_path / 'session.yaml'
         file.write_text(text)
@@ -150,6 +158,7 @@ def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Client
         task = Task(trajectory_from_config(config.reference, joints), joints, config.duration)
         client = Client(clock, tell)
         client.finding, client.putting_back = finding, list(putting_back)
+        client.others = others
         processes = cast(Processes, NoProcesses())
         given = cast('SessionClient', client)
         notes = SessionFile(tmp_path, {})
@@ -221,6 +230,67 @@ def test_a_motion_that_begins_before_the_plant_is_back_begins_anew(
     assert phase['begin_ns'] > 6e9
     with pytest.raises(ProcessError, match=r'late with a lead of 9.6 s: this machine needs time'):
         run(lambda _now: {'': 'no reference yet'}, text, putting_back=5 * [20.0])
+
+
+def test_nothing_moves_beside_the_nodes_of_another_session(run: Any) -> None:
+    with pytest.raises(DenocError, match='got /plant'):
+        run(lambda now: said('waiting', planned=int(now > 1.0)), others='got /plant')
+
+
+class DisputedClock:
+    """Stands for a graph in which publishers of /clock tell times in turn."""
+
+    def __init__(self, clock: Clock, times: Sequence[float], publishers: int) -> None:
+        self._clock, self._times, self._publishers = clock, times, publishers
+        self._turn = 0
+
+    def clock_publishers(self) -> int:
+        return self._publishers
+
+    def clock_ns(self) -> int:
+        self._turn += 1
+        return round(1e9 * self._times[self._turn % len(self._times)])
+
+    def wait(self, seconds: float) -> None:
+        self._clock.now += seconds
+        assert self._clock.now < 1000.0, 'the wait must end'
+
+    def set_parameters(self, *_: Any) -> None: ...
+
+    def reported(self, what: str) -> str:
+        return f'feedforward: {what}: time stands'
+
+
+@pytest.mark.parametrize(
+    ('times', 'publishers', 'bound'),
+    [
+        ((0.0, 0.5), 2, session_time.DISPUTED_TIME_S),
+        ((0.0, 5.0), 2, session_time.DISPUTED_TIME_S),  # a foreign time beyond the wait's end
+        ((0.0, 0.5), 1, session_time.STANDS),  # one that goes to and fro
+        ((0.5,), 1, session_time.STANDS),
+    ],
+)
+def test_a_wait_ends_where_simulated_time_does_not_go_on(
+    monkeypatch: pytest.MonkeyPatch, times: Sequence[float], publishers: int, bound: float
+) -> None:
+    clock = Clock()
+    monkeypatch.setattr(session_time, 'time', clock)
+    client = cast('SessionClient', DisputedClock(clock, times, publishers))
+    rule = rf'must go on to 1\.000 s, got one .* of {publishers} publishers .*time stands'
+    with pytest.raises(DenocError, match=rule):
+        session_time.SimulatedTime(client, 0.01).go_to(1.0)
+    assert bound < clock.now < 1.1 * bound
+
+
+def test_a_wait_ends_at_its_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = Clock()
+    monkeypatch.setattr(session_time, 'time', clock)
+    times = [0.01 * k for k in range(101)]
+    client = cast('SessionClient', DisputedClock(clock, times, 1))
+    simulated = session_time.SimulatedTime(client, 0.01)
+    simulated.go_to(1.0)
+    assert simulated.now() == 1.0
+    assert clock.now < session_time.DISPUTED_TIME_S
 
 
 def test_a_motion_begins_when_its_feedback_has_gains(run: Any) -> None:

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
+import rclpy
 from frozen_disk import freeze_disk
 from mcap.reader import make_reader
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
@@ -136,6 +139,70 @@ def test_publisher_with_a_weaker_offer_is_recorded_too(graph: Any, tmp_path: Pat
     graph.until(lambda: written(node) == 2)
     node.end()
     assert [item.message.data for item in read_bag(tmp_path / 'run')] == [1.0, 2.0]
+
+
+@pytest.fixture
+def others() -> Iterator[Callable[..., Any]]:
+    """Make publishers in a process of their own, as far as the middleware is concerned."""
+    context = rclpy.Context()
+    rclpy.init(args=[], context=context)
+    node = rclpy.create_node('others', context=context, use_global_arguments=False)
+    made: list[Any] = []
+
+    def publisher(graph: Any, kind: type, listened: bool = True) -> Any:
+        for each in made:
+            node.destroy_publisher(each)
+        made[:] = [node.create_publisher(kind, '/a', RELIABLE)]
+        graph.until(lambda: made[0].get_subscription_count() == listened)
+        return made[0]
+
+    yield publisher
+    node.destroy_node()
+    rclpy.shutdown(context=context)
+
+
+def test_a_topic_whose_type_changes_is_recorded_on_and_told(
+    graph: Any, tmp_path: Path, others: Callable[..., Any]
+) -> None:
+    node = graph.add(Recorder, output=str(tmp_path / 'run'), topics=['/a'])
+    sent = [Float64(data=1.0), String(data='two'), String(data='three'), Float64(data=4.0)]
+    for count, message in enumerate(sent, 1):
+        if count != 3:
+            publisher = others(graph, type(message))
+        publisher.publish(message)
+        graph.until(lambda count=count: written(node) == count)
+    graph.until(lambda: graph.value('recorder: recording', 'types_changed') == '2')
+    assert node.stop() == f'{tmp_path / "run"}: 4 messages on 1 topics, 0 lost'
+    kept = [(item.type.split('/')[-1], item.message.data) for item in read_bag(tmp_path / 'run')]
+    assert kept == [('Float64', 1.0), ('String', 'two'), ('String', 'three'), ('Float64', 4.0)]
+
+
+def test_messages_of_a_second_type_are_counted_as_soon_as_they_can_be(
+    graph: Any, tmp_path: Path, others: Callable[..., Any]
+) -> None:
+    first = graph.probe.create_publisher(Float64, '/a', RELIABLE)
+    node = graph.add(Recorder, output=str(tmp_path / 'run'), topics=['/a'])
+    graph.until(lambda: first.get_subscription_count() == 1)
+    second = others(graph, String, listened=False)
+    for _ in range(5):
+        second.publish(String(data='not recorded'))
+    told: list[str] = []
+
+    def is_told() -> bool:
+        status = graph.diagnostics.get('recorder: recording')
+        told.append(status.message if status and status.level == b'\x01' else '')
+        return 'one type at a time, std_msgs/msg/Float64, got also std_msgs/msg/String' in told[-1]
+
+    graph.until(is_told)
+    first.publish(Float64(data=1.0))
+    graph.until(lambda: written(node) == 1)
+    graph.probe.destroy_publisher(first)
+    graph.until(lambda: second.get_subscription_count() == 1)
+    second.publish(String(data='recorded'))
+    graph.until(lambda: written(node) == 2)
+    graph.until(lambda: graph.value('recorder: recording', 'lost /a') == '5')
+    node.end()
+    assert [item.message.data for item in read_bag(tmp_path / 'run')] == [1.0, 'recorded']
 
 
 def test_names_and_patterns_choose_topics(graph: Any, tmp_path: Path) -> None:
@@ -276,14 +343,11 @@ def test_type_that_is_not_installed_is_left_out(
     monkeypatch.setattr(
         'denoc_ros.bags.definitions._definition_file', lambda _: tmp_path / 'x.msg'
     )
-    monkeypatch.setattr(
-        Recorder,
-        'get_topic_names_and_types',
-        lambda self: [('/rosout', ['nobody_msgs/msg/Nothing'])],
-    )
-    node = graph.add(Recorder, output=str(tmp_path / 'run'))
-    graph.spin(0.2)
-    assert node._refused == {'/rosout'}
+    offer = SimpleNamespace(topic_type='nobody_msgs/msg/Nothing', qos_profile=RELIABLE)
+    monkeypatch.setattr(Recorder, 'get_publishers_info_by_topic', lambda *_: [offer])
+    node = graph.add(Recorder, output=str(tmp_path / 'run'), topics=['/rosout'])
+    graph.until(lambda: graph.value('recorder: recording', 'types_refused') == '1')
+    assert node._topics == {}
 
 
 def test_a_message_is_known_by_when_it_left_and_when_it_came(graph: Any, tmp_path: Path) -> None:
