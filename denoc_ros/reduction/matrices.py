@@ -30,8 +30,8 @@ import scipy.io
 import scipy.sparse as sparse
 from numpy.typing import NDArray
 
+from denoc_ros.child_arrays import arrays_of
 from denoc_ros.errors import ModelError
-from denoc_ros.reduction.apart import arrays_of
 from denoc_ros.reduction.body import FiniteElementBody
 from denoc_ros.types import Array
 
