@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import subprocess
+import sys
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
@@ -17,7 +18,7 @@ import numpy as np
 
 from denoc_ros import child_reader
 from denoc_ros.errors import ModelError
-from denoc_ros.python_start import file_command
+from denoc_ros.python_start import file_words
 
 MEMORY_BYTES = 2 << 30  # of the process that reads foreign files
 WALL_S = 600.0  # of a process with bounds: far more than its processor time takes
@@ -60,8 +61,8 @@ def _read(script: str, files: Sequence[Path], memory: int) -> list[Arrays | str]
     """Return the results of one process: of all files, or up to the one that ended it."""
     with tempfile.TemporaryDirectory(prefix='denoc-') as folder:
         named = [str(file.resolve()) for file in files]
-        command = file_command(child_reader.__file__, script, folder, str(memory), *named)
-        ended = _ended(command, folder, WALL_S if memory else None)
+        words = file_words(child_reader.__file__, script, folder, str(memory), *named)
+        ended = _ended([sys.executable, *words], folder, WALL_S if memory else None)
         found: list[Arrays | str] = []
         for k in range(len(files)):
             made, refused = Path(folder, f'{k}.npz'), Path(folder, f'{k}.txt')

@@ -89,9 +89,11 @@ def begin() -> None:
 def started_node() -> str:
     """Return which node this process was started as, '' for none."""
     command = sys.argv[0] if sys.argv else ''
-    if command == '-m':  # while the package is imported for `python -m denoc_ros.nodes.<name>`
-        package, _, name = sys.orig_argv[sys.orig_argv.index('-m') + 1].rpartition('.')
-        return name if package == 'denoc_ros.nodes' and name in NODES else ''
+    # While the package is imported for `python -m denoc_ros.nodes.<name>`, or by `module_words`.
+    module = sys.orig_argv[sys.orig_argv.index('-m') + 1] if command == '-m' else command
+    package, _, name = module.rpartition('.')
+    if package == 'denoc_ros.nodes':
+        return name if name in NODES else ''
     name = Path(command).name.removeprefix('denoc-')
     installed = Path(command).name != name or Path(command).parent.name == 'denoc_ros'
     return name if installed and name in NODES else ''

@@ -24,6 +24,7 @@ from denoc_ros.cli.arguments import add_json, add_option
 from denoc_ros.cli.config import find_file
 from denoc_ros.dynamics.robot import load_robot
 from denoc_ros.errors import DenocError
+from denoc_ros.python_start import code_words
 from denoc_ros.studies.benchmarks import derivatives, growth, rigid
 from denoc_ros.studies.benchmarks.limits import Account, accounts
 from denoc_ros.studies.benchmarks.peers import flexible_chain, rigid_chain
@@ -303,7 +304,7 @@ def _first_torque(file: Path, environment: dict[str, str]) -> dict[str, Any]:
     """Run the first torque in a fresh process; return its times, torque and output."""
     start = time.monotonic()
     run = subprocess.run(
-        [sys.executable, '-c', FIRST_TORQUE, str(file)],
+        [sys.executable, *code_words(FIRST_TORQUE, str(file))],
         env={**os.environ, **environment},
         capture_output=True,
         text=True,
