@@ -34,6 +34,7 @@ from denoc_ros.output_files import require_new, whole_file, write_new
 from denoc_ros.reduction.description import LinkDescription, describe_link, with_block
 from denoc_ros.reports.provenance import named_file, provenance
 from denoc_ros.reports.text_table import text_table
+from denoc_ros.terminal_text import say
 from denoc_ros.types import Array
 
 if TYPE_CHECKING:  # an optional extra
@@ -346,7 +347,7 @@ def _target_mass(args: argparse.Namespace, described: LinkDescription | None) ->
 def _tell(estimate: Estimate, quiet: bool) -> None:
     if not quiet:
         said = f'about {seconds(max(estimate.seconds, 1.0))}, {estimate.megabytes:.0f} MB'
-        print(f'{estimate.nodes} nodes: {said}', file=sys.stderr)
+        say(f'{estimate.nodes} nodes: {said}', file=sys.stderr)
 
 
 def _finish(

@@ -34,6 +34,7 @@ from denoc_ros.kernels.cache import cache_folder, is_kept
 from denoc_ros.kernels.compiled import DECLARED, ready
 from denoc_ros.model.urdf import load_tree
 from denoc_ros.python_start import module_words
+from denoc_ros.terminal_text import say
 
 ORDERS = ('first', 'last')  # from which end of the list a process begins
 # s of a processor, on the machine of docs/rates.md
@@ -206,5 +207,5 @@ def run(args: argparse.Namespace) -> int:
             compile_all(left)
     took = time.perf_counter() - began
     said = counted(wanted)
-    print(f'{said} ready after {took:.1f} s, kept in {cache_folder()}')
+    say(f'{said} ready after {took:.1f} s, kept in {cache_folder()}')
     return 0

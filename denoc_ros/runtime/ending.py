@@ -14,6 +14,8 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import FrameType
 
+from denoc_ros.terminal_text import say
+
 ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 NODES = ('feedforward', 'predictor', 'recorder', 'plant', 'viewer', 'shaper')
 HUNG = 1  # exit status
@@ -83,7 +85,7 @@ def begin() -> None:
         SIGNALS.end_at_once()
         gc.disable()  # modules stay: the node collects once a second, when it is there
         with suppress(OSError, ValueError):
-            print(f'{name}: starting', flush=True)
+            say(f'{name}: starting', flush=True)
 
 
 def started_node() -> str:
@@ -154,7 +156,7 @@ class Watchdog:
             seen = self._last
             still = time.monotonic() - seen
             if still > self._patience and looks >= LOOKS:
-                print(
+                say(
                     f'{self._name}: its executor must turn within {self._patience:g} s, '
                     f'got nothing for {still:.1f} s; the process ends itself',
                     file=sys.stderr,

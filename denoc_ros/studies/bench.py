@@ -31,6 +31,7 @@ from denoc_ros.studies.benchmarks.peers import flexible_chain, rigid_chain
 from denoc_ros.studies.benchmarks.results import BenchCheck, BenchLine, Reach, relative_error
 from denoc_ros.studies.benchmarks.rigid import TOLERANCE
 from denoc_ros.studies.benchmarks.timing import FULL, QUICK, Spread, Times
+from denoc_ros.terminal_text import say
 
 GROUPS = (
     'inverse', 'forward', 'inertia', 'derivatives', 'ssrms', 'springs', 'loops', 'growth', 'dense',
@@ -78,12 +79,12 @@ def run(args: argparse.Namespace) -> int:
             'lines': [line.record() for line in lines],
             'operations': [account.record() for account in accounts],
         }
-        print(json.dumps(report, indent=2, allow_nan=False))
+        say(json.dumps(report, indent=2, allow_nan=False))
     wrong = {line.what: line.check for line in lines}
     wrong |= {f'{each.verb}, {each.case}': each.check for each in accounts}
     wrong = {what: check for what, check in wrong.items() if not check.good}
     for what, check in wrong.items():
-        print(
+        say(
             f'denoc bench: {what}: result must agree with {check.against} to '
             f'{check.tolerance:.3g}, got {check.error:.3g}',
             file=sys.stderr,
