@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import bz2
-import resource
 import struct
 import subprocess
 import sys
@@ -14,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import openpyxl
 import pytest
+from peak_memory import peak_memory
 
 from denoc_ros.bags.tables import read_table
 from denoc_ros.decompression import require_bounded_archive
@@ -71,14 +71,6 @@ def test_the_content_counts_and_not_the_declared_size(tmp_path: Path) -> None:
             require_bounded_archive(path, 1 << 20)
 
 
-def peak() -> int:
-    """Return the largest memory of this process and of those that it has started [KiB]."""
-    return max(
-        resource.getrusage(who).ru_maxrss
-        for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)
-    )
-
-
 def read_archive(reader: str, path: Path) -> None:
     """Read an archive by one of its readers."""
     if reader == 'spreadsheet':
@@ -101,10 +93,10 @@ def test_an_archive_that_lies_does_not_fill_the_memory(tmp_path: Path, reader: s
         held = len(stiffness)
         path = lying_archive(tmp_path / 'a.npz', 'stiffness.npy', stiffness, held, HUGE, True)
     assert path.stat().st_size < HUGE / 100
-    before = peak()
+    before = peak_memory()
     with pytest.raises((BagError, ModelError), match='must'):
         read_archive(reader, path)
-    assert peak() - before < MEMORY_RISE
+    assert peak_memory() - before < MEMORY_RISE
 
 
 def test_a_cell_far_away_does_not_fill_the_memory(tmp_path: Path) -> None:

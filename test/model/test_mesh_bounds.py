@@ -5,13 +5,13 @@ from __future__ import annotations
 import base64
 import json
 import os
-import resource
 import zipfile
 from pathlib import Path
 
 import numpy as np
 import pytest
 import trimesh
+from peak_memory import peak_memory
 
 import denoc_ros as dn
 from denoc_ros.child_arrays import child_arrays
@@ -22,14 +22,6 @@ from denoc_ros.model.suggest.suggestion import suggest_flexibility
 from denoc_ros.viewer.outline import outlines
 
 MEMORY_RISE = 200_000  # KiB by which the peak of all processes may rise
-
-
-def peak() -> int:
-    """Return the largest memory of this process and of those that it has started [KiB]."""
-    return max(
-        resource.getrusage(who).ru_maxrss
-        for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)
-    )
 
 
 @pytest.mark.parametrize('suffix', SURFACE_FORMATS)
@@ -157,10 +149,10 @@ def test_no_mesh_of_a_robot_fills_the_memory_or_waits(
     path = tmp_path / 'arm.urdf'
     path.write_text(text)
     read_surfaces([])
-    before = peak()
+    before = peak_memory()
     assert len(outlines(dn.load_robot(text), tmp_path)) > 0
     assert suggest_flexibility(path).text
-    assert peak() - before < MEMORY_RISE
+    assert peak_memory() - before < MEMORY_RISE
     assert kind in caplog.text or 'cannot be drawn' in caplog.text
 
 
