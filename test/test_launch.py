@@ -18,6 +18,7 @@ from launch_files import arguments, started
 from launch_stand_in import Context, ExecuteProcess, LifecycleNode, Node
 
 from denoc_ros.cli.config import NODES
+from denoc_ros.python_start import module_words
 
 ROOT = Path(__file__).resolve().parent.parent
 FILES = sorted((ROOT / 'launch').glob('*.launch.py'))
@@ -175,7 +176,8 @@ def test_the_player_is_called_as_its_command_line_is(monkeypatch: pytest.MonkeyP
 
     processes = start('replay', speed='0.5')
     command = processes['player'].command(context())
-    assert command[:3] == [sys.executable, '-m', 'denoc_ros.cli.player']
+    start_words = [sys.executable, *module_words('denoc_ros.cli.player')]
+    assert command[: len(start_words)] == start_words
     seen: list[Any] = []
     parse = ArgumentParser.parse_args
 
@@ -185,7 +187,9 @@ def test_the_player_is_called_as_its_command_line_is(monkeypatch: pytest.MonkeyP
 
     monkeypatch.setattr(ArgumentParser, 'parse_args', stop)
     with pytest.raises(KeyboardInterrupt):
-        player.main([*command[3:], *processes['player'].ros_arguments(context(), Path())])
+        player.main(
+            [*command[len(start_words) :], *processes['player'].ros_arguments(context(), Path())]
+        )
     options = seen[0]
     assert (str(options.bag), options.speed) == (BAG, 0.5)
     # those that the player waits for are there

@@ -19,7 +19,8 @@ from rosbags.interfaces import MessageDefinitionFormat
 from denoc_ros.bags.definitions import decode, message_types
 from denoc_ros.bags.metadata import METADATA_NAME, ChannelKey, Qos, named_files
 from denoc_ros.bags.rosbags_bounds import AnyReader
-from denoc_ros.bags.storage import MAGIC, decompressed, is_mcap, require_bounded_chunks
+from denoc_ros.bags.storage import MAGIC, is_mcap, require_bounded_chunks
+from denoc_ros.decompression import decompressed
 from denoc_ros.errors import BagError, ConfigError
 from denoc_ros.settings import parameter
 from denoc_ros.types import Stamps
@@ -270,17 +271,13 @@ class _CommonTypes:
 @contextmanager
 def _open(path: Path) -> Iterator[Any]:
     source = require_readable(path)
-    parts = mcap_files(source)
-    with only_bag_errors(path):
-        for part in parts:
-            if part.suffix == '.mcap':
-                require_bounded_chunks(part)
-        with AnyReader([source], default_typestore=_CommonTypes()) as reader:
-            for one in reader.connections:
-                if not (isinstance(one.topic, str) and isinstance(one.msgtype, str)):
-                    rule = f'name and type of a topic must be text, got {one.topic!r}'
-                    raise BagError(f'{path}: {rule}, {one.msgtype!r}')
-            yield reader
+    types = _CommonTypes()
+    with only_bag_errors(path), AnyReader([source], default_typestore=types) as reader:
+        for one in reader.connections:
+            if not (isinstance(one.topic, str) and isinstance(one.msgtype, str)):
+                rule = f'name and type of a topic must be text, got {one.topic!r}'
+                raise BagError(f'{path}: {rule}, {one.msgtype!r}')
+        yield reader
 
 
 @contextmanager
@@ -308,6 +305,8 @@ def require_readable(path: Path) -> Path:
         raise BagError(f'{path}: bag must exist, got nothing there')
     if path.is_dir():
         return _require_finished_folder(path)
+    if not path.is_file():
+        raise BagError(f'{path}: bag must be a folder or a regular file, got another kind')
     if path.suffix not in ('.mcap', '.db3'):
         raise BagError(f'{path}: bag must be a rosbag2 folder, a .mcap or a .db3 file')
     # What does not even begin as MCAP is not unfinished but something else.
@@ -320,7 +319,8 @@ def mcap_files(source: Path) -> list[Path]:
     """Return the MCAP files of a bag: those that metadata.yaml names, or all in the folder."""
     if not source.is_dir():
         return [source]
-    found = sorted(source.glob('*.mcap'))
+    # Opening a pipe would wait for ever.
+    found = sorted(part for part in source.glob('*.mcap') if part.is_file())
     try:
         named = named_files(source)
     except ConfigError:
@@ -342,7 +342,7 @@ def _require_finished_folder(folder: Path) -> Path:
         return folder
     if parts:
         raise BagError(_unfinished(folder))
-    databases = sorted(folder.glob('*.db3'))
+    databases = sorted(file for file in folder.glob('*.db3') if file.is_file())
     if len(databases) == 1:
         return databases[0]
     raise BagError(

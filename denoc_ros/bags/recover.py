@@ -99,7 +99,7 @@ def recover(
 
 def _parts(source: Path) -> list[Path]:
     if source.is_dir():
-        parts = sorted(source.glob('*.mcap'), key=_natural)
+        parts = sorted((p for p in source.glob('*.mcap') if p.is_file()), key=_natural)
     else:
         parts = [source] if source.is_file() else []
     if not parts:

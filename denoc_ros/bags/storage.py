@@ -11,7 +11,7 @@ import os
 import struct
 import time
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from datetime import datetime, timezone
@@ -20,8 +20,6 @@ from itertools import count
 from pathlib import Path
 from typing import IO
 
-import lz4.frame  # type: ignore[import-untyped]
-import zstandard
 from mcap.data_stream import ReadDataStream, RecordBuilder
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
@@ -44,7 +42,7 @@ from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import CompressionType, Writer
 
 from denoc_ros.bags.metadata import ChannelKey, FileContents, Topic
-from denoc_ros.errors import BagError
+from denoc_ros.decompression import decompressed, require_bounded
 
 COMPRESSIONS = {
     'none': CompressionType.NONE,
@@ -61,9 +59,6 @@ MOVED = 'a moved or renamed one'
 MAGIC = b'\x89MCAP0\r\n'
 _HEAD = struct.Struct('<BQ')
 CLOSED_DESCRIPTOR = -1  # descriptor of a file that is closed
-LARGEST_CHUNK = 1 << 28  # bytes when opened: writers make chunks of a MiB or a few
-MOST_AT_ONCE = 1 << 30  # bytes of chunks whose times overlap: they are open together
-LARGEST_WINDOW = 1 << 27  # bytes that a zstd frame may ask for, as zstd's own tools allow
 
 
 def library_name() -> str:
@@ -250,16 +245,18 @@ class McapFile:
 
 
 def require_bounded_chunks(path: Path) -> None:
-    """Refuse a file with chunks that would fill the memory, however small they are on the disk."""
+    """Raise ValueError for chunks that would fill the memory, however small they are on the disk.
+
+    Nothing is read from a path that is no regular file: reading a pipe would wait for ever.
+    """
+    if not path.is_file():
+        raise ValueError(f'{path.name} must be a regular file, got another kind')
     with path.open('rb') as stream:
         summary = make_reader(stream).get_summary()
     chunks = summary.chunk_indexes if summary is not None else ()
-    try:
-        require_bounded(
-            (one.message_start_time, one.message_end_time, one.uncompressed_size) for one in chunks
-        )
-    except ValueError as error:
-        raise BagError(f'{path}: {error}') from error
+    require_bounded(
+        (one.message_start_time, one.message_end_time, one.uncompressed_size) for one in chunks
+    )
 
 
 class CompleteRecords:
@@ -499,60 +496,3 @@ def _chunk_index(chunk: Chunk, offset: int, length: int) -> ChunkIndex:
         message_start_time=chunk.message_start_time,
         uncompressed_size=chunk.uncompressed_size,
     )
-
-
-def decompressed(data: bytes, compression: str, size: int) -> bytes:
-    """Return the content of a chunk.
-
-    Raises
-    ------
-    ValueError
-        The chunk is too large, damaged, or holds another number of bytes than it claims.
-    """
-    if size > LARGEST_CHUNK:
-        raise ValueError(f'chunk must hold at most {LARGEST_CHUNK} bytes, got {size}')
-    content = _opened(data, compression, size + 1)
-    if len(content) != size:
-        got = 'more' if len(content) > size else str(len(content))
-        raise ValueError(f'chunk must hold the {size} bytes that it claims, got {got}')
-    return content
-
-
-def _opened(data: bytes, compression: str, most: int) -> bytes:
-    """Return the content, cut off where it is longer than `most` bytes."""
-    if not compression:
-        return data
-    if compression not in ('lz4', 'zstd'):
-        raise ValueError(f'compression must be none, lz4 or zstd, got {compression!r}')
-    try:
-        if compression == 'lz4':
-            return bytes(lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=most))
-        bounded = zstandard.ZstdDecompressor(max_window_size=LARGEST_WINDOW)
-        return bounded.stream_reader(data, read_across_frames=True).read(most)
-    except (RuntimeError, EOFError, zstandard.ZstdError) as error:
-        reason = str(error) or type(error).__name__
-        raise ValueError(f'{compression} chunk must be whole, got: {reason}') from error
-
-
-def require_bounded(chunks: Iterable[tuple[int, int, int]]) -> None:
-    """Refuse chunks that would fill the memory; (first time, last time, size [bytes]) of each."""
-    steps = []
-    for begin, end, size in chunks:
-        if size > LARGEST_CHUNK:
-            raise ValueError(f'chunk must hold at most {LARGEST_CHUNK} bytes, got {size}')
-        steps += [(begin, 0, size), (max(begin, end), 1, -size)]
-    together = 0
-    for _, _, change in sorted(steps):
-        together += change
-        if together > MOST_AT_ONCE:
-            raise ValueError(
-                f'chunks of the same time must hold at most {MOST_AT_ONCE} bytes, got more'
-            )
-
-
-def decompressed_message(data: bytes) -> bytes:
-    """Return a message of a bag in which each one is compressed; errors as `decompressed`."""
-    content = _opened(data, 'zstd', LARGEST_CHUNK + 1)
-    if len(content) > LARGEST_CHUNK:
-        raise ValueError(f'message must be at most {LARGEST_CHUNK} bytes, got more')
-    return content

@@ -7,9 +7,8 @@ import json
 import re
 import struct
 import zipfile
-import zlib
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime, time, timedelta, timezone
 from pathlib import Path
@@ -17,6 +16,8 @@ from typing import Any
 
 import numpy as np
 
+from denoc_ros.child_arrays import child_arrays
+from denoc_ros.decompression import inflated_size, require_bounded_archive
 from denoc_ros.errors import BagError
 from denoc_ros.types import Array
 
@@ -38,7 +39,7 @@ FEWEST_SAMPLES = 8
 LOOKED_AT = 40  # lines that say how all are separated, and which cells are numbers
 MOST_WORDS = 3  # of a column's name in a comment
 LARGEST = 256 << 20  # bytes of a spreadsheet or .mat file, unpacked
-PIECE = 1 << 20  # bytes that are unpacked at once
+CELL_BYTES = 8  # that a cell of a spreadsheet takes in memory, at least
 MAT_HEADER, MAT_COMPRESSED = 128, 15  # bytes; type of an element
 UNITS = {'s': 1.0, 'ms': 1e-3, 'us': 1e-6, 'ns': 1e-9}
 TIME_NAMES = ('time', 't', 'timestamp', 'stamp')
@@ -370,19 +371,32 @@ def _read_workbook(path: Path) -> Sheet:
                 f'{path}: table must be text, .xlsx, .mat or .json, got another zip archive: '
                 'save it as .csv'
             )
-        size = sum(entry.file_size for entry in archive.infolist())
-        if size > LARGEST:
-            raise BagError(_too_large(path, f'{size >> 20} MiB'))
+    try:
+        require_bounded_archive(path, LARGEST)
+    except ValueError as error:
+        raise BagError(_too_large(path, str(error))) from error
     book = openpyxl.load_workbook(path, read_only=True, data_only=True)
     try:
         for one in book.worksheets:
-            rows = [(n, list(map(_cell, row))) for n, row in enumerate(one.values, 1)]
+            # The declared size of a sheet is not that of its contents.
+            one.reset_dimensions()
+            rows = list(_bounded_rows(path, one.values))
             sheet = _sheet(_without_margins(rows), ';')
             if sheet.rows:
                 return sheet
     finally:
         book.close()
     return Sheet([], [], [])
+
+
+def _bounded_rows(path: Path, values: Iterable[Sequence[Any]]) -> Iterator[tuple[int, list[str]]]:
+    """Yield number and cells of each row; a cell far right fills its row with empty ones."""
+    left = LARGEST // CELL_BYTES
+    for number, row in enumerate(values, 1):
+        left -= len(row) + 1
+        if left < 0:
+            raise BagError(_too_large(path, f'{LARGEST // CELL_BYTES} cells or more'))
+        yield number, list(map(_cell, row))
 
 
 def _without_margins(rows: list[tuple[int, list[str]]]) -> list[tuple[int, bool, list[str]]]:
@@ -407,14 +421,12 @@ def _cell(value: Any) -> str:
 
 
 def _read_mat(path: Path) -> Table:
-    from scipy.io import loadmat
-
     _require_small_mat(path)
-    columns: dict[str, Array] = {}
-    for name, value in loadmat(path, simplify_cells=True).items():
-        if not name.startswith('__'):
-            columns |= _mat_columns(name, value)
-    return Table(columns)
+    script = str(Path(__file__).with_name('mat_reader.py'))
+    (found,) = child_arrays(script, [path])
+    if isinstance(found, str):
+        raise BagError(f'{path}: table must be readable, got: {found}')
+    return Table(found)
 
 
 def _require_small_mat(path: Path) -> None:
@@ -424,10 +436,9 @@ def _require_small_mat(path: Path) -> None:
         order = {b'IM': '<', b'MI': '>'}.get(file.read(MAT_HEADER)[-2:])
         while order and len(tag := file.read(8)) == 8:
             kind, size = struct.unpack(f'{order}2I', tag)
-            packed, unpacker = file.read(size), zlib.decompressobj()
-            while kind == MAT_COMPRESSED and packed:
-                left -= len(unpacker.decompress(packed, PIECE))
-                packed = unpacker.unconsumed_tail
+            packed = file.read(size)
+            if kind == MAT_COMPRESSED:
+                left -= inflated_size([packed], left)
                 if left < 0:
                     raise BagError(_too_large(path, 'more'))
 
@@ -435,28 +446,6 @@ def _require_small_mat(path: Path) -> None:
 def _too_large(path: Path, got: str) -> str:
     rule = f'table must unpack to at most {LARGEST >> 20} MiB'
     return f'{path}: {rule}, got {got}: save it as .csv'
-
-
-def _mat_columns(name: str, value: Any) -> dict[str, Array]:
-    """Return a variable's columns: a vector's, a matrix's, or those of a struct's fields."""
-    if isinstance(value, dict):
-        found: dict[str, Array] = {}
-        for field, inner in value.items():
-            found |= _mat_columns(f'{name}.{field}', inner)
-        return found
-    if isinstance(value, list) and value and all(isinstance(entry, dict) for entry in value):
-        columns: dict[str, Array] = {}
-        for field in value[0]:
-            _add(columns, f'{name}.{field}', [entry.get(field) for entry in value])
-        return columns
-    array = np.atleast_1d(np.asarray(value))
-    if array.dtype.kind not in 'fiub' or array.ndim > 2 or array.size == 0:
-        return {}
-    if array.ndim == 1 or 1 in array.shape:
-        return {name: array.ravel().astype(np.float64)}
-    # signals are longer than there are of them
-    longer = array.T if array.shape[0] < array.shape[1] else array
-    return {f'{name}[{k}]': column.astype(np.float64) for k, column in enumerate(longer.T)}
 
 
 def _read_json(path: Path) -> Table:

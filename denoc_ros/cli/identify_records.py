@@ -58,6 +58,7 @@ from denoc_ros.reports.identify_signals import (
 )
 from denoc_ros.reports.text_table import Row, text_table
 from denoc_ros.settings import declared
+from denoc_ros.terminal_text import say
 
 
 def _add_signal(parser: argparse.ArgumentParser) -> None:
@@ -153,7 +154,7 @@ def modal_row(item: tuple[DecayOptions, Path]) -> Row:
     options, path = item
     document, _ = identify_decay(path, options)
     for note in _left_out(options, document):
-        print(note, file=sys.stderr)
+        say(note, file=sys.stderr)
     modes = [flat_mode(mode) for mode in document['modes']]
     return {
         'verdict': document['verdict'],

@@ -19,6 +19,7 @@ from denoc_ros.cli import end_at_once
 from denoc_ros.cli.interrupts import interrupt, is_made_by_interrupt, noted_interrupts
 from denoc_ros.cli.verbs import ACTIONS, BAD_INPUT, DEFAULT_ACTION, INTERRUPTED, STUDIES, VERBS
 from denoc_ros.errors import ConfigError, DenocError
+from denoc_ros.terminal_text import say, visible_record
 
 # objects after which garbage is looked for: with 700 that takes a seventh of a start
 GARBAGE = 20_000
@@ -44,6 +45,10 @@ class Parser(argparse.ArgumentParser):
         super().__init__(*args, **more)
         self.set_defaults(findings=[])
 
+    def _print_message(self, message: str, file: Any = None) -> None:
+        if message:
+            say(message, end='', file=file or sys.stderr)
+
     def error(self, message: str) -> NoReturn:
         """Print the usage and the message on stderr and exit with status 1."""
         self.print_usage(sys.stderr)
@@ -61,10 +66,10 @@ class Version(argparse.Action):
         from denoc_ros.reports.versions import source_commit
 
         commit = source_commit(Path(__file__).resolve().parents[1])
-        print(f'denoc_ros {version("denoc_ros")}' + (f' (commit {commit})' if commit else ''))
+        say(f'denoc_ros {version("denoc_ros")}' + (f' (commit {commit})' if commit else ''))
         pages = share_directory() / 'README.md'
         if pages.is_file():
-            print(f'documentation: {pages}')
+            say(f'documentation: {pages}')
         parser.exit()
 
 
@@ -92,7 +97,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         if not (isinstance(error, KeyboardInterrupt) or is_made_by_interrupt(error)):
             raise
         _ignore_interrupts(is_process)
-        print(f'denoc {" ".join(arguments[:1])}: interrupted', file=sys.stderr)
+        say(f'denoc {" ".join(arguments[:1])}: interrupted', file=sys.stderr)
         if is_process:
             _leave_compiler()
         return INTERRUPTED
@@ -175,6 +180,7 @@ def _show_log() -> None:
     if not log.handlers:
         handler = logging.StreamHandler()
         handler.setFormatter(logging.Formatter('denoc: %(message)s'))
+        handler.addFilter(visible_record)
         log.addHandler(handler)
     log.setLevel(logging.INFO)
 
@@ -192,7 +198,7 @@ def _complain(verb: str, message: str) -> int:
     lines = [line for line in message.splitlines() if line.strip()]
     for line in lines or ['an error without words']:
         more = f'… ({len(line) - LONGEST} characters more)' if len(line) > LONGEST else ''
-        print(f'denoc {verb}: {line[:LONGEST]}{more}', file=sys.stderr)
+        say(f'denoc {verb}: {line[:LONGEST]}{more}', file=sys.stderr)
     return BAD_INPUT
 
 

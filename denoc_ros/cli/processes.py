@@ -17,7 +17,6 @@ from pathlib import Path
 from typing import NamedTuple, Protocol
 
 from denoc_ros.errors import DenocError
-from denoc_ros.runtime.realtime import INSTALLED_ONLY
 
 LAST_LINES = 12  # of a dead process's output that the error shows
 # s: how long a process may take to answer each signal before the next, harder one
@@ -69,8 +68,9 @@ class Processes:
         self._environment = {
             **os.environ,
             **environment,
-            **INSTALLED_ONLY,
             'PYTHONUNBUFFERED': '1',
+            # For libraries that start Python themselves; ours have `python_start` on any Python.
+            'PYTHONSAFEPATH': '1',
         }
         self._running: dict[str, subprocess.Popen[bytes]] = {}
         self._ending: set[str] = set()

@@ -10,6 +10,8 @@ from typing import Any
 
 from tqdm import tqdm
 
+from denoc_ros.terminal_text import say, visible, visible_cell
+
 
 def share_bar(quiet: bool) -> Any:
     """Return a bar for shares of some work that add up to 1: a context with `update`."""
@@ -32,27 +34,27 @@ class Progress:
 
     def say(self, text: str) -> None:
         """Print a line."""
-        tqdm.write(text, file=sys.stderr)
+        tqdm.write(visible(text), file=sys.stderr)
 
     @contextmanager
     def step(self, what: str, expected: float = 0.0) -> Iterator[None]:
         """Print a step, its expected time [s; 0: untold], and its time once done."""
         began = time.perf_counter()
         told = f' (about {seconds(expected)})' if expected else ''
-        print(f'{what}{told} ... ', end='', file=sys.stderr, flush=True)
+        say(f'{what}{told} ... ', end='', file=sys.stderr, flush=True)
         try:
             yield
         except BaseException:
-            print(file=sys.stderr, flush=True)
+            say(file=sys.stderr, flush=True)
             raise
-        print(f'{time.perf_counter() - began:.1f} s', file=sys.stderr, flush=True)
+        say(f'{time.perf_counter() - began:.1f} s', file=sys.stderr, flush=True)
 
     @contextmanager
     def phase(self, name: str, duration: float) -> Iterator[Callable[[float], None]]:
         """Show a bar over a phase of a duration [s]; yield its update by the time so far."""
         bar = tqdm(
             total=round(duration, 1),
-            desc=name,
+            desc=visible_cell(name),
             unit='s',
             disable=not sys.stderr.isatty(),
             bar_format='{desc}: {percentage:3.0f}%|{bar}| {n:.1f}/{total:.1f} s',

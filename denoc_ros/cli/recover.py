@@ -12,6 +12,7 @@ from denoc_ros.bags.recover import recover
 from denoc_ros.cli.arguments import add_json, add_option, add_output
 from denoc_ros.cli.verb_result import VerbResult
 from denoc_ros.cli.verbs import DOUBTFUL
+from denoc_ros.terminal_text import visible_cell
 
 DESCRIPTION = (
     'Rebuild an MCAP bag from its complete records, without changing the original. Exit status '
@@ -47,9 +48,13 @@ def run(args: argparse.Namespace) -> VerbResult:
 def _lines(row: dict[str, Any]) -> list[str]:
     files = len(row['files'])
     lines = [f'{row["path"]}: {row["messages"]} messages in {files} file{"s" * (files != 1)}']
-    lines += [f'  {topic}: {count}' for topic, count in sorted(row['topics'].items())]
-    lines += [f'  {name} was cut off or damaged' for name in row['torn']]
-    lines += [f'  {name} was left out: it is no MCAP file' for name in row['left_out']]
+    lines += [
+        f'  {visible_cell(topic)}: {count}' for topic, count in sorted(row['topics'].items())
+    ]
+    lines += [f'  {visible_cell(name)} was cut off or damaged' for name in row['torn']]
+    lines += [
+        f'  {visible_cell(name)} was left out: it is no MCAP file' for name in row['left_out']
+    ]
     if row['damaged_chunks']:
         lines.append(f'  {row["damaged_chunks"]} damaged chunks were left out')
     return lines

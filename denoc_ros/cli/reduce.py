@@ -26,23 +26,25 @@ from denoc_ros.cli.verbs import DOUBTFUL
 from denoc_ros.errors import ConfigError, ModelError
 from denoc_ros.model.beams import warping_doubts
 from denoc_ros.model.link_file import write
+from denoc_ros.model.mesh_files import SURFACE_FORMATS
+from denoc_ros.model.mesh_reader import VOLUME_FORMATS
 from denoc_ros.model.poses import pose_of
 from denoc_ros.model.suggest.materials import ASSUMED_DAMPING
 from denoc_ros.output_files import require_new, whole_file, write_new
 from denoc_ros.reduction.description import LinkDescription, describe_link, with_block
 from denoc_ros.reports.provenance import named_file, provenance
 from denoc_ros.reports.text_table import text_table
+from denoc_ros.terminal_text import say
 from denoc_ros.types import Array
 
 if TYPE_CHECKING:  # an optional extra
     from denoc_ros.reduction.reduce import Estimate, Frames, ReducedMesh
 
-SURFACES = ('.stl', '.obj', '.ply', '.off', '.dae')
 UNIT_NAMES = ('m', 'cm', 'mm', 'in')
 EXTRA = ('pytetwild', 'skfem', 'pymetis', 'meshio')  # packages that only this verb needs
 DESCRIPTION = (
-    'Make a flexible link of a closed surface mesh (STL, OBJ, PLY, OFF, COLLADA), a volume mesh '
-    '(.msh, .inp, .bdf, .mesh), the link of a URDF (its <beam>, else its mesh), or mass and '
+    'Make a flexible link of a closed surface mesh (STL, COLLADA, OBJ, PLY, OFF, GLB), a volume '
+    'mesh (.msh, .inp, .bdf, .mesh), the link of a URDF (its <beam>, else its mesh), or mass and '
     'stiffness matrices of another program (.mtx, .npz, .op4, .op2, .sti, .full). The file is for '
     '<flexible link= file=>.'
 )
@@ -255,7 +257,7 @@ def _reduced(
 
     wishes = _wishes(args, described, frames)
     suffix = source.suffix.lower()
-    known = (*SURFACES, *mesh.VOLUME_FORMATS, *matrices.FORMATS, '.urdf')
+    known = (*SURFACE_FORMATS, *VOLUME_FORMATS, *matrices.FORMATS, '.urdf')
     require([] if suffix in known else [f'source must end in {", ".join(known)}, got {suffix!r}'])
     with share_bar(args.json) as bar:
         options: dict[str, Any] = {
@@ -275,7 +277,7 @@ def _reduced(
             return ReducedMesh(beam, np.zeros(0), 0, doubts)
         elasticity, said = elasticity_of(args.material, args.young, args.poisson, args.density)
         mass = _target_mass(args, described)
-        if suffix in mesh.VOLUME_FORMATS:
+        if suffix in VOLUME_FORMATS:
             solid = mesh.read_volume(source, np.eye(4), _scale(args), elasticity)
             text = f'{source.name}, {said}'
             found = reduce_solid(solid, frames, wishes, text, mass, **options)
@@ -345,7 +347,7 @@ def _target_mass(args: argparse.Namespace, described: LinkDescription | None) ->
 def _tell(estimate: Estimate, quiet: bool) -> None:
     if not quiet:
         said = f'about {seconds(max(estimate.seconds, 1.0))}, {estimate.megabytes:.0f} MB'
-        print(f'{estimate.nodes} nodes: {said}', file=sys.stderr)
+        say(f'{estimate.nodes} nodes: {said}', file=sys.stderr)
 
 
 def _finish(

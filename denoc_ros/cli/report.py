@@ -11,6 +11,7 @@ from denoc_ros.cli.arguments import add_json, add_option, add_output, unused
 from denoc_ros.cli.verb_result import VerbResult
 from denoc_ros.reports.run import report
 from denoc_ros.reports.run_files import BAG_FOLDER, recording_name
+from denoc_ros.terminal_text import say
 
 DESCRIPTION = (
     'Write one HTML page with tracking, predicted and true deflection, torque, loop periods, '
@@ -46,6 +47,6 @@ def write_report(run_path: Path, output: Path, command: str = '') -> dict[str, A
     """Write a run's page, print its omissions on stderr, return its numbers."""
     made = report(run_path, command=command)
     for note in made.notes:
-        print(f'denoc report: {note}', file=sys.stderr)
+        say(f'denoc report: {note}', file=sys.stderr)
     made.write(output)
     return made.summary

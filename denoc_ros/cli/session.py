@@ -33,6 +33,7 @@ from denoc_ros.cli.shaped_phases import asked_at_pace, motion_of
 from denoc_ros.control.plan import Plan
 from denoc_ros.dynamics.batch import cores
 from denoc_ros.dynamics.robot import load_robot
+from denoc_ros.python_start import module_words
 from denoc_ros.runtime.torque import NO_JOINTS, STALE_JOINTS
 from denoc_ros.trajectories import Trajectory
 
@@ -288,7 +289,7 @@ class Session:
                 if not self._parameters[name].get('urdf_path'):
                     arguments += ['--remap', f'{DESCRIPTION_TOPIC}:={SESSION_DESCRIPTION_TOPIC}']
                 self._client.forget(name)
-                self._processes.start(name, ['-m', f'denoc_ros.nodes.{name}', *arguments])
+                self._processes.start(name, module_words(f'denoc_ros.nodes.{name}', *arguments))
                 self._health.watch(name)
             for name in names:
                 self._client.wait_active(name, START_TIMEOUT)
@@ -595,8 +596,8 @@ class Session:
             self._client.trigger(f'/{name}/reset')
 
     def _play(self, bag: Path, phase: Phase) -> None:
-        arguments = ['-m', 'denoc_ros.cli.player', str(bag), '--listeners', *self._listeners()]
-        self._processes.start('player', arguments, ends=True)
+        words = module_words('denoc_ros.cli.player', str(bag), '--listeners', *self._listeners())
+        self._processes.start('player', words, ends=True)
         with self._progress.phase(phase.name, self._task.duration) as show:
             start = time.perf_counter()
             while self._processes.running('player'):

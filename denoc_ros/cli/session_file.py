@@ -15,6 +15,7 @@ from denoc_ros.errors import DenocError
 from denoc_ros.output_files import whole_file, write_text
 from denoc_ros.reports.headline import summary_lines
 from denoc_ros.reports.run_files import BAG_FOLDER, SESSION_FILE
+from denoc_ros.terminal_text import say
 
 CUT_OFF = 'bag_cut_off'  # what a recorder left that did not end by itself
 REPORTING = 5.0  # s that a report takes
@@ -143,7 +144,7 @@ def _make_whole(folder: Path, progress: Progress) -> None:
 def print_summary(summary: dict[str, Any], folder: Path) -> None:
     """Print the numbers of a run, and where it and its report are."""
     for line in summary_lines(summary):
-        print(line)
+        say(line)
     report = folder / 'report.html'
-    print(f'run     {folder}')
-    print(f'report  {report}' if report.is_file() else 'report  none: nothing was recorded')
+    say(f'run     {folder}')
+    say(f'report  {report}' if report.is_file() else 'report  none: nothing was recorded')

@@ -45,6 +45,7 @@ from denoc_ros.reports.text_table import Row
 from denoc_ros.simulation.bag import write_run
 from denoc_ros.simulation.scenario import Scenario, model_settings, scenario_from_config
 from denoc_ros.simulation.simulate import Run
+from denoc_ros.terminal_text import say
 
 Ranges = Mapping[str, tuple[float, float]]
 GROUPS = ('largest_torque', 'largest_deflection')
@@ -77,7 +78,7 @@ def load(robot: str, scenario: str, smooth: float | None = None) -> tuple[Robot,
 def _smooth_enough(values: Mapping[str, Any], smooth: float | None) -> Mapping[str, Any]:
     if smooth is None:
         for warning in rounded_setpoints(values):
-            print(f'denoc simulate: warning: {warning}', file=sys.stderr)
+            say(f'denoc simulate: warning: {warning}', file=sys.stderr)
         return values
     if not 0.0 < smooth < float('inf'):
         raise ConfigError('--smooth', [f'the frequency must be > 0 Hz, got {smooth}'])

@@ -32,6 +32,7 @@ from denoc_ros.model.plant_description import description_in_words
 from denoc_ros.model.source import complete_text
 from denoc_ros.reports.provenance import versions
 from denoc_ros.simulation.reference import trajectory_from_config
+from denoc_ros.terminal_text import say
 from denoc_ros.viewer.outline import tell_missing_meshes
 
 if TYPE_CHECKING:  # an optional extra
@@ -98,7 +99,7 @@ def run(args: argparse.Namespace) -> int:
         config = _configured(args)
         run_of = bring_up(config, args.input, args.output, args.command, interrupts)
     if args.json:
-        print(json.dumps(run_of.summary, indent=2, allow_nan=False))
+        say(json.dumps(run_of.summary, indent=2, allow_nan=False))
     else:
         print_summary(run_of.summary, run_of.folder)
     if run_of.error is not None:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from denoc_ros.output_files import plain
+from denoc_ros.terminal_text import say
 
 
 @dataclass(frozen=True)
@@ -24,10 +25,10 @@ class VerbResult:
     def show(self, as_json: bool) -> int:
         """Print it and return the exit status."""
         if self.document is not None and as_json:
-            print(json.dumps(plain(self.document), indent=2, allow_nan=False))
+            say(json.dumps(plain(self.document), indent=2, allow_nan=False))
         else:
             for line in self.lines:
-                print(line)
+                say(line)
         for note in self.notes:
-            print(note, file=sys.stderr)
+            say(note, file=sys.stderr)
         return self.status

@@ -22,6 +22,7 @@ from denoc_ros.cli.progress import Progress
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.errors import BagError, ConfigError, DenocError
 from denoc_ros.reports.run_files import EARTH, find_bag, plant_of, read_session, recording_name
+from denoc_ros.terminal_text import say
 from denoc_ros.viewer.scene_setup import AUTO, VIEWS
 
 if TYPE_CHECKING:
@@ -220,7 +221,7 @@ def run(args: argparse.Namespace) -> int:
                 [f'a run must be given, a bag or a directory, got {args.shown}'],
             )
         for file in write_pictures(args, run_path):
-            print(file)
+            say(file)
         return 0
     return _serve_until_interrupted(args, run_path)
 
@@ -234,13 +235,13 @@ def _serve_until_interrupted(args: argparse.Namespace, run_path: Path | None) ->
         raise DenocError(NO_VISER.format(error)) from error
     with _page(args, run_path) as page:
         if args.host not in LOOPBACK:
-            print(
+            say(
                 f'denoc view: warning: the page is served beyond this machine ({args.host}): '
                 'everybody who reaches it can watch and move the controls',
                 file=sys.stderr,
             )
         ending = _ending()
-        print(f'open {page.address} (end with Ctrl-C)', flush=True)
+        say(f'open {page.address} (end with Ctrl-C)', flush=True)
         if not args.no_browser:
             _open_browser(page.address)
         ending.wait()

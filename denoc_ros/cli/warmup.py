@@ -34,7 +34,8 @@ from denoc_ros.kernels import (
 from denoc_ros.kernels.cache import cache_folder, is_kept
 from denoc_ros.kernels.compiled import DECLARED, ready
 from denoc_ros.model.urdf import load_tree
-from denoc_ros.runtime.realtime import INSTALLED_ONLY
+from denoc_ros.python_start import module_words
+from denoc_ros.terminal_text import say
 
 ORDERS = ('first', 'last')  # from which end of the list a process begins
 # s of a processor, on the machine of docs/rates.md
@@ -129,12 +130,11 @@ def compile_all(wanted: Sequence[Any], watch: Callable[[], None] = lambda: None)
     names = [_name(each) for each in wanted]
     processes = [
         subprocess.Popen(
-            [sys.executable, '-m', 'denoc_ros.cli.warmup', order, *names],
+            [sys.executable, *module_words('denoc_ros.cli.warmup', order, *names)],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.PIPE,
             text=True,
-            env={**os.environ, **INSTALLED_ONLY},
         )
         for order in ORDERS
     ]
@@ -209,5 +209,5 @@ def run(args: argparse.Namespace) -> int:
             compile_all(left)
     took = time.perf_counter() - began
     said = counted(wanted)
-    print(f'{said} ready after {took:.1f} s, kept in {cache_folder()}')
+    say(f'{said} ready after {took:.1f} s, kept in {cache_folder()}')
     return 0

@@ -23,6 +23,7 @@ from typing import IO
 import numpy as np
 from numpy.typing import NDArray
 
+from denoc_ros.decompression import require_bounded_archive
 from denoc_ros.errors import ModelError
 from denoc_ros.types import Array
 
@@ -167,13 +168,15 @@ def read(path: str | Path) -> ReducedLink:
     where = str(path)
     try:
         with zipfile.ZipFile(path) as archive:
+            _require_small(archive)
+            require_bounded_archive(Path(path), MOST_BYTES)
             arrays = _read_arrays(archive)
     except OSError as error:
         raise ModelError(where, [f'file must be readable, got {error.strerror}']) from error
     except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError) as error:
         got = str(error) or 'less'
         raise ModelError(where, [f'file must be a whole .npz archive, got: {got}']) from error
-    except _RefusedError as error:
+    except (_RefusedError, ValueError) as error:
         raise ModelError(where, [str(error)]) from error
     return _checked(where, arrays)
 
@@ -193,7 +196,7 @@ class _RefusedError(Exception):
     """An archive that is not read."""
 
 
-def _read_arrays(archive: zipfile.ZipFile) -> dict[str, NDArray[np.generic]]:
+def _require_small(archive: zipfile.ZipFile) -> None:
     members = archive.infolist()
     if len(members) > MOST_MEMBERS:
         raise _RefusedError(f'file must hold at most {MOST_MEMBERS} arrays, got {len(members)}')
@@ -202,8 +205,11 @@ def _read_arrays(archive: zipfile.ZipFile) -> dict[str, NDArray[np.generic]]:
         raise _RefusedError(
             f'arrays must have at most {MOST_BYTES >> 20} MB, got {size / 2**20:.0f}'
         )
+
+
+def _read_arrays(archive: zipfile.ZipFile) -> dict[str, NDArray[np.generic]]:
     arrays = {}
-    for member in members:
+    for member in archive.infolist():
         name = member.filename.removesuffix('.npy')
         if name in arrays:
             raise _RefusedError(f'array {name!r} must stand once, got it twice')

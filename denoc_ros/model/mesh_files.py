@@ -1,16 +1,22 @@
-"""Paths of the files that a URDF names: meshes, reduced links, outlines."""
+"""Files that a URDF names: where meshes, reduced links and outlines are, and surface meshes."""
 
 from __future__ import annotations
 
-import logging
 import os
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from denoc_ros.child_arrays import child_arrays
 from denoc_ros.errors import ModelError
 from denoc_ros.model.findings import Reader
+
+# Those of robot descriptions that are one file each. Formats of archives and of files that name
+# others, such as 3MF and glTF, are left out: a description that has them can be converted.
+SURFACE_FORMATS = ('.stl', '.dae', '.obj', '.ply', '.off', '.glb')
+MESH_READER = str(Path(__file__).with_name('mesh_reader.py'))
 
 
 def mesh_file(name: str, folder: Path | None) -> Path | None:
@@ -69,33 +75,60 @@ def read_surface(file: Path) -> Any:
     Raises
     ------
     ModelError
-        For a file that is no mesh, or one without triangles.
+        For a file that is no mesh of the formats that are read, or one without triangles.
     """
+    found = read_surfaces([file])[file]
+    if isinstance(found, ModelError):
+        raise found
+    return found
+
+
+def named_surfaces(names: Iterable[str], folder: Path | None) -> dict[str, Any]:
+    """Return the meshes of `<mesh filename>`, by name; a name without a file is left out.
+
+    Parameters
+    ----------
+    folder : path, optional
+        As in `mesh_file`. The values are those of `read_surfaces`.
+    """
+    files = {name: mesh_file(name, folder) for name in names}
+    found = read_surfaces(file for file in files.values() if file is not None)
+    return {name: found[file] for name, file in files.items() if file is not None}
+
+
+def read_surfaces(files: Iterable[Path]) -> dict[Path, Any]:
+    """Return the meshes of files, each a `trimesh.Trimesh`, or the ModelError that it makes.
+
+    All are read in one process with bounds on memory and time: importing trimesh takes longer
+    than reading most meshes.
+    """
+    found: dict[Path, Any] = {file: _refused(file) for file in files}
+    wanted = [file for file, refused in found.items() if refused is None]
+    for file, arrays in zip(wanted, child_arrays(MESH_READER, wanted), strict=True):
+        found[file] = _surface(file, arrays)
+    return found
+
+
+def _refused(file: Path) -> ModelError | None:
+    """Return why a file is not opened: a pipe or a device would never end."""
+    if file.suffix.lower() not in SURFACE_FORMATS:
+        formats = ', '.join(SURFACE_FORMATS)
+        return ModelError(str(file), [f'a surface mesh must be one of {formats}, got another'])
+    if not file.is_file():
+        got = 'another kind' if file.exists() else 'none'
+        return ModelError(str(file), [f'the file must be a regular file, got {got}'])
+    return None
+
+
+def _surface(file: Path, arrays: dict[str, Any] | str) -> Any:
+    if isinstance(arrays, str):
+        return ModelError(str(file), [f'the file must be a surface mesh, got: {arrays}'])
+    vertices, faces = arrays['vertices'], arrays['faces']
+    if not len(faces):
+        return ModelError(str(file), ['the mesh must have triangles, got none'])
+    whole = faces.min() >= 0 and faces.max() < len(vertices) and np.isfinite(vertices).all()
+    if not whole:
+        return ModelError(str(file), ['the triangles must have finite corners, got others'])
     import trimesh  # here: it takes half a second, and most descriptions need none
 
-    try:
-        with _silent('trimesh'):
-            mesh = trimesh.load(file, force='mesh', skip_materials=True)
-    except OSError as error:
-        rule = 'the file must be readable'
-        raise ModelError(str(file), [f'{rule}, got: {error.strerror or error}']) from error
-    except Exception as error:  # a dozen readers, each with errors of its own
-        rule = 'the file must be a surface mesh'
-        raise ModelError(str(file), [f'{rule}, got: {error or type(error).__name__}']) from error
-    if not isinstance(mesh, trimesh.Trimesh) or not len(mesh.faces):
-        raise ModelError(str(file), ['the mesh must have triangles, got none'])
-    return mesh
-
-
-@contextmanager
-def _silent(*loggers: str) -> Iterator[None]:
-    """Keep libraries from reporting errors that are none here."""
-    logs = [logging.getLogger(name) for name in loggers]
-    levels = [log.level for log in logs]
-    for log in logs:
-        log.setLevel(logging.CRITICAL + 1)
-    try:
-        yield
-    finally:
-        for log, level in zip(logs, levels, strict=True):
-            log.setLevel(level)
+    return trimesh.Trimesh(vertices, faces, process=False)

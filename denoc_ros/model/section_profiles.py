@@ -9,14 +9,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import trimesh
 from sectionproperties.analysis.section import Section
 from sectionproperties.pre.geometry import Geometry
 from shapely import Polygon
 from shapely.ops import unary_union
 
+from denoc_ros.child_arrays import child_arrays
 from denoc_ros.errors import ModelError
 from denoc_ros.model.cross_sections import CrossSection, SectionAxes
+from denoc_ros.model.mesh_files import MESH_READER
 from denoc_ros.types import Array
 
 FORMATS = ('.dxf', '.csv')
@@ -59,13 +60,11 @@ def read_outline(file: Path, scale: float) -> tuple[Loop, ...]:
 
 
 def _dxf(file: Path) -> list[Array]:
-    path: Any = trimesh.load_path(file)
-    polygons = path.polygons_full  # closed lines, holes found
-    return [
-        np.asarray(ring.coords)[:-1]
-        for each in polygons
-        for ring in (each.exterior, *each.interiors)
-    ]
+    (found,) = child_arrays(MESH_READER, [file])
+    if isinstance(found, str):
+        raise ValueError(found)
+    ends = np.cumsum(found['counts'])
+    return np.split(found['corners'], ends[:-1]) if len(ends) else []
 
 
 def _csv(file: Path) -> list[list[list[float]]]:

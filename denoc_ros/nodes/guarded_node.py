@@ -14,6 +14,8 @@ from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallba
 from rclpy.lifecycle import LifecycleNode
 from rclpy.node import Node
 
+from denoc_ros.nodes.node_log import VisibleLog
+
 LONGEST_REASON = 1000  # characters of what a message may have put into an error
 # how service types say that they failed, and why
 FAILED = {'success': False, 'successful': False}
@@ -41,6 +43,10 @@ class WithoutEvents(Node):
     receives, and tells of a lost message or a publisher that does not fit, locks them the other
     way round: under load the executor stops for good, and with it all that the process receives.
     """
+
+    def get_logger(self) -> Any:
+        """Return the node's logger; it shows control characters."""
+        return VisibleLog(super().get_logger())
 
     def create_subscription(self, *given: Any, **options: Any) -> Any:
         """Subscribe as rclpy does."""

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from denoc_ros.runtime.realtime import INSTALLED_ONLY
+from denoc_ros.python_start import module_words
 
 WITH_ROBOT = ('feedforward', 'predictor', 'plant', 'viewer', 'shaper')
 SIMULATION = ('plant', 'predictor', 'feedforward')
@@ -289,8 +289,7 @@ def player(given: Mapping[str, str], listeners: Sequence[str]) -> Any:
         executable=sys.executable,
         exec_name='player',
         name='player',
-        arguments=['-m', 'denoc_ros.cli.player', *words],
-        additional_env=INSTALLED_ONLY,
+        arguments=module_words('denoc_ros.cli.player', *words),
         output='screen',
         on_exit=end,
     )

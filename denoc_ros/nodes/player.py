@@ -35,6 +35,7 @@ from denoc_ros.nodes.messages import EVERY_MESSAGE, LATCHED, TrajectoryPointMess
 from denoc_ros.nodes.middleware import release_buffers, use_sockets
 from denoc_ros.nodes.simulated_time import TimeSource
 from denoc_ros.runtime.ending import SIGNALS, Interrupted
+from denoc_ros.terminal_text import say
 from denoc_ros.types import Array
 
 LOOK = Duration(seconds=0.2)
@@ -357,7 +358,7 @@ def run(
             player = Player(read_motion(bag, topic), speed)
             player.play(listeners)
     except DenocError as error:
-        print(f'player: {error}', file=sys.stderr)
+        say(f'player: {error}', file=sys.stderr)
         return 1
     except Interrupted:
         return 0

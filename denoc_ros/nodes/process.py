@@ -25,6 +25,7 @@ from denoc_ros.nodes.guarded_node import leave_graph
 from denoc_ros.nodes.middleware import release_buffers, use_sockets
 from denoc_ros.runtime.ending import SIGNALS, Interrupted, Watchdog
 from denoc_ros.runtime.realtime import return_large_pieces
+from denoc_ros.terminal_text import say, visible_record
 
 # a callback may load and compile a robot; beyond that (s) the executor hangs
 PATIENCE = 60.0
@@ -70,7 +71,7 @@ def run(
         # rclpy's own handlers would end the context before the safe command is out
         rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
     except Exception as error:
-        print(f'denoc_ros: {error}', file=sys.stderr)
+        say(f'denoc_ros: {error}', file=sys.stderr)
         return 1
     watchdog = Watchdog(patience, _compiles)
     try:
@@ -105,7 +106,9 @@ def _show_log() -> None:
     """Send the package's log, such as the compilation of its kernels, to stdout."""
     log = logging.getLogger('denoc_ros')
     if not log.handlers:
-        log.addHandler(logging.StreamHandler(sys.stdout))
+        handler = logging.StreamHandler(sys.stdout)
+        handler.addFilter(visible_record)
+        log.addHandler(handler)
     log.setLevel(logging.INFO)
 
 
@@ -126,10 +129,10 @@ def _live(make: Callable[[], DenocNode], watchdog: Watchdog) -> int:
     except Interrupted:
         return 0
     except DenocError as error:
-        print(error, file=sys.stderr)
+        say(error, file=sys.stderr)
         return 1
     except Exception:
-        traceback.print_exc()
+        say(traceback.format_exc(), end='', file=sys.stderr)
         return 1
     finally:
         # what is frozen would outlive its last reference, with the middleware's threads in it
@@ -149,7 +152,7 @@ def _end(node: DenocNode, executor: Any) -> None:
         try:
             step()
         except Exception:
-            traceback.print_exc()
+            say(traceback.format_exc(), end='', file=sys.stderr)
 
 
 def _spin(node: DenocNode, executor: Any, watchdog: Watchdog) -> int:
@@ -209,5 +212,5 @@ def _turn(node: DenocNode, executor: Any) -> None:
 
 
 def _fail(node: DenocNode) -> int:
-    print(f'{node.get_name()}: {node.fatal or node.failure}', file=sys.stderr)
+    say(f'{node.get_name()}: {node.fatal or node.failure}', file=sys.stderr)
     return 1

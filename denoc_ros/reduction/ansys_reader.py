@@ -1,12 +1,10 @@
-"""Ansys' files by ansys-mapdl-reader, as a process of its own: a torn file ends it by a signal.
+"""Ansys' files by ansys-mapdl-reader, for a process of its own: a torn file ends it by a signal.
 
-`python ansys_reader.py FILE ARRAYS.npz`: nodes of an `.rst`, or rows and entries of a `.full`.
+Read by `denoc_ros.child_reader`.
 """
 
 from __future__ import annotations
 
-import sys
-import warnings
 from pathlib import Path
 from typing import Any
 
@@ -15,15 +13,15 @@ import scipy.sparse as sparse
 from ansys.mapdl import reader
 
 
-def main() -> None:
-    """Write the numbers of the first file into the second."""
-    warnings.simplefilter('ignore')
-    opened = reader.read_binary(sys.argv[1])
-    if Path(sys.argv[1]).suffix.lower() == '.rst':
+def read(file: str) -> dict[str, Any]:
+    """Return nodes of an `.rst`, or rows and entries of a `.full`."""
+    opened = reader.read_binary(file)
+    if Path(file).suffix.lower() == '.rst':
         numbers = np.asarray(opened.mesh.nnum, dtype=np.int64)
-        places = np.asarray(opened.mesh.nodes, dtype=np.float64)[:, :3]
-        np.savez(sys.argv[2], numbers=numbers, places=places)
-        return
+        return {
+            'numbers': numbers,
+            'places': np.asarray(opened.mesh.nodes, dtype=np.float64)[:, :3],
+        }
     rows, *matrices = opened.load_km()
     found: dict[str, Any] = {'rows': np.asarray(rows, dtype=np.int64)}
     found['constrained'] = len(opened.const)
@@ -32,8 +30,4 @@ def main() -> None:
             upper = sparse.triu(matrix).tocoo()
             entries = {'row': upper.row, 'column': upper.col, 'value': upper.data}
             found |= {f'{name}/{key}': values for key, values in entries.items()}
-    np.savez(sys.argv[2], **found)
-
-
-if __name__ == '__main__':
-    main()
+    return found

@@ -30,8 +30,9 @@ import scipy.io
 import scipy.sparse as sparse
 from numpy.typing import NDArray
 
+from denoc_ros.child_arrays import arrays_of
+from denoc_ros.decompression import require_bounded_archive
 from denoc_ros.errors import ModelError
-from denoc_ros.reduction.apart import arrays_of
 from denoc_ros.reduction.body import FiniteElementBody
 from denoc_ros.types import Array
 
@@ -166,14 +167,10 @@ def _arrays(file: Path) -> dict[str, NDArray[Any]]:
     """Return the arrays of an archive; ModelError for one that is torn, too large or pickled."""
     where = str(file)
     try:
-        with zipfile.ZipFile(file) as archive:
-            size = sum(member.file_size for member in archive.infolist())
-        if size > MOST_BYTES:
-            rule = f'arrays must have at most {MOST_BYTES >> 30} GB'
-            raise ModelError(where, [f'{rule}, got {size / 2**30:.1f}'])
+        require_bounded_archive(file, MOST_BYTES)
         with np.load(file, allow_pickle=False) as held:
             return {name: held[name] for name in held.files}
-    except (zipfile.BadZipFile, ValueError, EOFError, OSError, KeyError) as error:
+    except (zipfile.BadZipFile, ValueError, EOFError, OSError, KeyError, MemoryError) as error:
         got = str(error).splitlines()[0] if str(error) else 'less'
         raise ModelError(where, [f'file must be a whole .npz of numbers, got: {got}']) from error
 

@@ -2,33 +2,23 @@
 
 from __future__ import annotations
 
-import contextlib
-import io
 import tempfile
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-import meshio
 import numpy as np
 from trimesh import Trimesh, triangles
 
+from denoc_ros.child_arrays import MEMORY_BYTES, arrays_of
 from denoc_ros.errors import ModelError
-from denoc_ros.model.mesh_files import read_surface
+from denoc_ros.model.mesh_files import MESH_READER, read_surface
 from denoc_ros.reduction import mesher
-from denoc_ros.reduction.apart import arrays_of
 from denoc_ros.reduction.body import Rows, within
 from denoc_ros.reduction.elements import Elasticity, Solid
 from denoc_ros.types import Array
 
 UNITS = {'m': 1.0, 'cm': 0.01, 'mm': 0.001, 'in': 0.0254}
-VOLUME_FORMATS = (
-    '.msh',
-    '.inp',
-    '.bdf',
-    '.nas',
-    '.mesh',
-)  # read by meshio, as text or plain bytes
 # what meshing may move the surface by: of the box's diagonal, of the wall; at least, of the first
 ENVELOPE, THIN_ENVELOPE, LEAST_ENVELOPE = 2e-3, 0.02, 1e-5
 COARSE = 20_000  # nodes that the default edge is chosen for, where walls are thick
@@ -70,7 +60,7 @@ def closed_surface(file: Path, pose: Array, scale: Array, close: bool) -> Closed
     Parameters
     ----------
     file : Path
-        STL, OBJ, PLY, OFF or COLLADA.
+        One of `denoc_ros.model.mesh_files.SURFACE_FORMATS`.
     pose : ndarray (4, 4)
         The mesh seen from the link frame [m].
     scale : ndarray (3,)
@@ -148,34 +138,20 @@ def read_volume(file: Path, pose: Array, scale: float, elasticity: Elasticity) -
         For a file that is no mesh, or one without tetrahedra.
     """
     where = str(file)
-    try:
-        with _unheard():
-            mesh = meshio.read(file)
-    except (Exception, SystemExit) as error:  # a reader per format, each with errors of its own
-        got = str(error) or type(error).__name__
-        rule = 'file must be a volume mesh that meshio reads'
-        raise ModelError(where, [f'{rule}, got: {got}']) from error
-    blocks = [block.data[:, :4] for block in mesh.cells if block.type in ('tetra', 'tetra10')]
-    other = {b.type for b in mesh.cells if b.dim == 3} - {'tetra', 'tetra10'}
-    if other:
+    rule = 'file must be a volume mesh that meshio reads'
+    found = arrays_of(MESH_READER, file, where, rule, MEMORY_BYTES)
+    if len(found['other']):
         rule = 'elements must be tetrahedra'
-        raise ModelError(where, [f'{rule}, got {", ".join(sorted(other))} among them'])
-    if not blocks:
+        raise ModelError(where, [f'{rule}, got {", ".join(found["other"])} among them'])
+    if not len(found['tetrahedra']):
         raise ModelError(where, ['mesh must have tetrahedra, got none'])
-    corners = np.asarray(mesh.points, dtype=np.float64) * scale
+    corners = found['points'] * scale
     return Solid(
         where,
         corners @ pose[:3, :3].T + pose[:3, 3],
-        np.vstack(blocks).astype(np.int64),
+        found['tetrahedra'],
         elasticity,
     )
-
-
-@contextlib.contextmanager
-def _unheard() -> Iterator[None]:
-    """Keep a reader from printing."""
-    with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
-        yield
 
 
 def patch_nodes(

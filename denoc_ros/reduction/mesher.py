@@ -1,20 +1,25 @@
-"""fTetWild as a process of its own: it writes files where it runs, and ends it on bad surfaces.
+"""fTetWild, for a process of its own: it writes files where it runs, and ends it on bad surfaces.
 
-`python mesher.py SURFACE.npz TETRAHEDRA.npz`: vertices, faces, edge [m] and envelope (of the
-diagonal) in, corners and tetrahedra out.
+Read by `denoc_ros.child_reader`.
 """
 
 from __future__ import annotations
 
-import sys
+from typing import Any
 
 import numpy as np
 import pytetwild
 
 
-def main() -> None:
-    """Fill the surface of the first file with tetrahedra, into the second."""
-    with np.load(sys.argv[1], allow_pickle=False) as surface:
+def read(file: str) -> dict[str, Any]:
+    """Fill a surface with tetrahedra.
+
+    Parameters
+    ----------
+    file : str
+        `.npz` of vertices, faces, edge [m] and envelope (of the diagonal).
+    """
+    with np.load(file, allow_pickle=False) as surface:
         corners, tetrahedra = pytetwild.tetrahedralize(
             surface['vertices'],
             surface['faces'],
@@ -23,8 +28,4 @@ def main() -> None:
             num_threads=1,  # the same mesh each time
             quiet=True,
         )
-    np.savez(sys.argv[2], corners=corners, tetrahedra=tetrahedra)
-
-
-if __name__ == '__main__':
-    main()
+    return {'corners': corners, 'tetrahedra': tetrahedra}

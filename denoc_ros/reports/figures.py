@@ -21,6 +21,7 @@ from matplotlib.ticker import LogFormatterSciNotation, LogLocator
 from matplotlib.transforms import Bbox
 
 from denoc_ros.reports.loop_timing import LoopMeasure
+from denoc_ros.terminal_text import visible
 from denoc_ros.types import Array
 from denoc_ros.units import NONE, si_prefix
 
@@ -196,9 +197,10 @@ def _draw_lines(axis: Axes, panel: Panel) -> str:
     if panel.log_y:
         axis.set_yscale('log')
         _label_powers(axis.yaxis)
+    # Units of foreign files are no formulas: a dollar sign in them may not parse.
     label = f'[{prefix}{panel.unit or 1}]'
-    axis.set_xlabel(panel.x_label)
-    axis.set_ylabel(label)
+    axis.set_xlabel(visible(panel.x_label), parse_math=False)
+    axis.set_ylabel(visible(label), parse_math=False)
     _tidy(axis)
     return _described(panel, label)
 
@@ -321,5 +323,5 @@ def _svg(draw: Callable[[Axes], str], width: float, height: float) -> Markup:
         svg = svg.replace(f'id="{name}"', f'class="{name}"')
     # what nothing refers to need not have a name, which would not be the only one on the page
     svg = re.sub(r' id="[A-Za-z0-9.]+_\d+"', '', svg)
-    described = f'role="img" aria-label="{escape(label)}"'
+    described = f'role="img" aria-label="{escape(visible(label))}"'
     return Markup(re.sub(r'width="[\d.]+pt" height="[\d.]+pt"', lambda _: described, svg, count=1))

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
 from denoc_ros.reports.text_table import aligned
+from denoc_ros.terminal_text import visible
 from denoc_ros.units import NONE, PREFIXES, si_prefix
 
 if TYPE_CHECKING:
@@ -93,6 +94,7 @@ class ReportPage:
         environment = Environment(
             loader=PackageLoader('denoc_ros.reports', 'templates'),
             autoescape=True,
+            finalize=_shown,
             trim_blocks=True,
             lstrip_blocks=True,
         )
@@ -104,7 +106,12 @@ def quantities(text: str) -> Markup:
     """Return a text, escaped, whose numbers stay on one line with their units."""
     from markupsafe import Markup, escape
 
-    return Markup(QUANTITY.sub(r'<span class="quantity">\g<0></span>', str(escape(text))))
+    return Markup(QUANTITY.sub(r'<span class="quantity">\g<0></span>', str(escape(visible(text)))))
+
+
+def _shown(value: object) -> object:
+    """Show the control characters of a text of the page."""
+    return visible(value) if type(value) is str else value
 
 
 def engineering(value: float, unit: str) -> str:

@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from itertools import zip_longest
 from typing import Any
 
+from denoc_ros.terminal_text import visible_cell
+
 Row = dict[str, Any]
 
 
@@ -17,6 +19,7 @@ def text_table(rows: Sequence[Row]) -> str:
 
 def aligned(cells: Sequence[Sequence[str]]) -> str:
     """Return lines of cells as aligned columns; a line may have fewer than others."""
+    cells = [[visible_cell(cell) for cell in line] for line in cells]
     widths = [max(map(len, column)) for column in zip_longest(*cells, fillvalue='')]
     lines = [
         '  '.join(cell.ljust(width) for cell, width in zip(line, widths, strict=False)).rstrip()

@@ -14,6 +14,8 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import FrameType
 
+from denoc_ros.terminal_text import say
+
 ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 NODES = ('feedforward', 'predictor', 'recorder', 'plant', 'viewer', 'shaper')
 HUNG = 1  # exit status
@@ -83,15 +85,17 @@ def begin() -> None:
         SIGNALS.end_at_once()
         gc.disable()  # modules stay: the node collects once a second, when it is there
         with suppress(OSError, ValueError):
-            print(f'{name}: starting', flush=True)
+            say(f'{name}: starting', flush=True)
 
 
 def started_node() -> str:
     """Return which node this process was started as, '' for none."""
     command = sys.argv[0] if sys.argv else ''
-    if command == '-m':  # while the package is imported for `python -m denoc_ros.nodes.<name>`
-        package, _, name = sys.orig_argv[sys.orig_argv.index('-m') + 1].rpartition('.')
-        return name if package == 'denoc_ros.nodes' and name in NODES else ''
+    # While the package is imported for `python -m denoc_ros.nodes.<name>`, or by `module_words`.
+    module = sys.orig_argv[sys.orig_argv.index('-m') + 1] if command == '-m' else command
+    package, _, name = module.rpartition('.')
+    if package == 'denoc_ros.nodes':
+        return name if name in NODES else ''
     name = Path(command).name.removeprefix('denoc-')
     installed = Path(command).name != name or Path(command).parent.name == 'denoc_ros'
     return name if installed and name in NODES else ''
@@ -152,7 +156,7 @@ class Watchdog:
             seen = self._last
             still = time.monotonic() - seen
             if still > self._patience and looks >= LOOKS:
-                print(
+                say(
                     f'{self._name}: its executor must turn within {self._patience:g} s, '
                     f'got nothing for {still:.1f} s; the process ends itself',
                     file=sys.stderr,

@@ -13,7 +13,8 @@ from dataclasses import dataclass
 from typing import Any, BinaryIO, cast
 
 from denoc_ros.control.jobs import read_message, write_message
-from denoc_ros.runtime.realtime import INSTALLED_ONLY, SINGLE_THREADED
+from denoc_ros.python_start import code_words
+from denoc_ros.runtime.realtime import SINGLE_THREADED
 from denoc_ros.types import Array
 
 ENDING = 1.0  # s within which a killed process is gone, unless its disk hangs
@@ -107,12 +108,12 @@ class ChildProcess:
                 super().__init__(*given, **options)
 
         return Known(
-            [sys.executable, '-c', CHILD],
+            [sys.executable, *code_words(CHILD)],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             bufsize=-1,
             # small matrices: ten times as fast
-            env={**os.environ, **SINGLE_THREADED, **INSTALLED_ONLY},
+            env={**os.environ, **SINGLE_THREADED},
         )
 
     def write(self, header: dict[str, Any], arrays: dict[str, Array]) -> None:

@@ -19,9 +19,6 @@ TRANSPORT = 'dds.'  # what the names of Fast DDS's threads begin with
 WATCHDOG = 'dds.shm.wdog'  # looks after dead processes: nothing waits for it
 # environment of a process with one thread of work: threads of a library would get in its way
 SINGLE_THREADED = {f'{kind}_NUM_THREADS': '1' for kind in ('OMP', 'OPENBLAS', 'MKL', 'NUMBA')}
-# of one that is started by `python -m`, which would import from the folder it is started in first,
-# whoever wrote a numpy.py there (Python 3.11 on)
-INSTALLED_ONLY = {'PYTHONSAFEPATH': '1'}
 
 # loaded once: a look-up takes longer than a period
 _LIBC = ctypes.CDLL(None, use_errno=True)

@@ -24,12 +24,14 @@ from denoc_ros.cli.arguments import add_json, add_option
 from denoc_ros.cli.config import find_file
 from denoc_ros.dynamics.robot import load_robot
 from denoc_ros.errors import DenocError
+from denoc_ros.python_start import code_words
 from denoc_ros.studies.benchmarks import derivatives, growth, rigid
 from denoc_ros.studies.benchmarks.limits import Account, accounts
 from denoc_ros.studies.benchmarks.peers import flexible_chain, rigid_chain
 from denoc_ros.studies.benchmarks.results import BenchCheck, BenchLine, Reach, relative_error
 from denoc_ros.studies.benchmarks.rigid import TOLERANCE
 from denoc_ros.studies.benchmarks.timing import FULL, QUICK, Spread, Times
+from denoc_ros.terminal_text import say
 
 GROUPS = (
     'inverse', 'forward', 'inertia', 'derivatives', 'ssrms', 'springs', 'loops', 'growth', 'dense',
@@ -77,12 +79,12 @@ def run(args: argparse.Namespace) -> int:
             'lines': [line.record() for line in lines],
             'operations': [account.record() for account in accounts],
         }
-        print(json.dumps(report, indent=2, allow_nan=False))
+        say(json.dumps(report, indent=2, allow_nan=False))
     wrong = {line.what: line.check for line in lines}
     wrong |= {f'{each.verb}, {each.case}': each.check for each in accounts}
     wrong = {what: check for what, check in wrong.items() if not check.good}
     for what, check in wrong.items():
-        print(
+        say(
             f'denoc bench: {what}: result must agree with {check.against} to '
             f'{check.tolerance:.3g}, got {check.error:.3g}',
             file=sys.stderr,
@@ -303,7 +305,7 @@ def _first_torque(file: Path, environment: dict[str, str]) -> dict[str, Any]:
     """Run the first torque in a fresh process; return its times, torque and output."""
     start = time.monotonic()
     run = subprocess.run(
-        [sys.executable, '-c', FIRST_TORQUE, str(file)],
+        [sys.executable, *code_words(FIRST_TORQUE, str(file))],
         env={**os.environ, **environment},
         capture_output=True,
         text=True,

@@ -16,6 +16,7 @@ from denoc_ros.model.poses import number_text, rpy_of
 from denoc_ros.model.urdf import load_tree
 from denoc_ros.output_files import write_new
 from denoc_ros.studies.dh_system import DHLink, DHPoint, DHSystem, load_system
+from denoc_ros.terminal_text import say
 from denoc_ros.types import Array
 
 DESCRIPTION = 'Write the robot of a Denavit-Hartenberg table as a URDF with flexible links.'
@@ -47,7 +48,7 @@ def run(args: argparse.Namespace) -> int:
     tree = load_tree(text)
     write_new(args.output, text)
     flexible = sum(body.beam is not None and body.segment == 1 for body in tree.bodies)
-    print(f'{args.output}: {len(system.links)} links, {flexible} flexible')
+    say(f'{args.output}: {len(system.links)} links, {flexible} flexible')
     return 0
 
 

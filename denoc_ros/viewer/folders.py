@@ -19,6 +19,7 @@ from denoc_ros.model.segments import whole_beams
 from denoc_ros.model.tree import Joint, JointKind
 from denoc_ros.types import Array
 from denoc_ros.viewer.outline import reach
+from denoc_ros.viewer.page_text import PageText
 from denoc_ros.viewer.snapshot import Snapshot
 
 PERIOD = 1.0 / 30.0  # s between two pictures
@@ -158,7 +159,7 @@ class ModePlayer:
         with self._folder:
             self._find = gui.add_button('Find here', hint='At the joint positions shown now')
             self._choice = gui.add_dropdown('Mode', [NO_MODE], initial_value=NO_MODE)
-            self._text = gui.add_markdown('')
+            self._text = PageText(gui)
         self._find.on_click(lambda _: self.find())
         self._choice.on_update(lambda _: self._choose())
 
@@ -175,11 +176,11 @@ class ModePlayer:
                 self._modes = ModeShapes(self._robot, self._where())
         except DenocError as error:
             self._modes = None
-            self._text.content = str(error)
+            self._text.show(str(error))
             return
         self._choice.options = (NO_MODE, *self._modes.labels)
         count = len(self._modes.labels)
-        self._text.content = f'{count} modes, joints held' if count else 'no link bends'
+        self._text.show(f'{count} modes, joints held' if count else 'no link bends')
 
     def close(self) -> None:
         """Stop, and take the folder away."""
@@ -200,7 +201,7 @@ class ModePlayer:
         frequency = modes.found.frequencies[self._chosen]
         shown = modes.shown_frequency(self._chosen)
         slower = abs(frequency) / shown
-        self._text.content = f'shown {slower:.3g} times slower' if slower > 1.01 else ''
+        self._text.show(f'shown {slower:.3g} times slower' if slower > 1.01 else '')
         self._ticker.start()
 
     def _tick(self, passed: float) -> None:
@@ -256,17 +257,18 @@ class JointSliders:
                 hint='Links in equilibrium, else straight',
                 visible=bool(len(robot.flexible_indices)),
             )
-            self._text = gui.add_markdown('')
+            self._text = PageText(gui)
         self._sag.on_update(lambda _: self.move())
 
     def move(self) -> None:
         """Go where the sliders stand."""
         with self._guard:
             try:
-                self.q, self._text.content = self._pose()
+                self.q, said = self._pose()
             except DenocError as error:
-                self._text.content = f'does not close: {error}'
+                self._text.show(f'does not close: {error}')
                 return
+            self._text.show(said)
         self._draw(Snapshot(0.0, self.q))
 
     def _pose(self) -> tuple[Array, str]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import logging
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -15,8 +15,9 @@ from lxml import etree
 from numpy.typing import NDArray
 
 from denoc_ros.dynamics.robot import Robot
+from denoc_ros.errors import ModelError
 from denoc_ros.model.arrays import is_flexible
-from denoc_ros.model.mesh_files import mesh_file
+from denoc_ros.model.mesh_files import mesh_file, named_surfaces
 from denoc_ros.model.source import TEXT_NAME, parse_xml
 from denoc_ros.types import Array
 
@@ -66,10 +67,11 @@ def outlines(robot: Robot, folder: Path | None = None) -> list[LinkSurface]:
     """
     tell_missing_meshes(robot, folder)
     root = parse_xml(TEXT_NAME, robot.tree.source)
+    surfaces = named_surfaces(_mesh_names(root), folder)
     drawn: list[LinkSurface] = []
     for link in root.findall('link'):
         name = link.get('name')
-        found = list(_visuals(root, link, folder))
+        found = list(_visuals(root, link, surfaces))
         drawn += found or _substitute(robot, root, name)
     return drawn
 
@@ -77,12 +79,16 @@ def outlines(robot: Robot, folder: Path | None = None) -> list[LinkSurface]:
 def tell_missing_meshes(robot: Robot, folder: Path | None = None) -> None:
     """Log in one line, once per robot, which visuals' meshes are nowhere; arguments as above."""
     root = parse_xml(TEXT_NAME, robot.tree.source)
-    names = dict.fromkeys(
-        mesh.get('filename') or '' for mesh in root.iterfind('link/visual/geometry/mesh')
-    )
+    names = _mesh_names(root)
     missing = tuple(name for name in names if mesh_file(name, folder) is None)
     if missing:
         _tell_missing(len(names), missing)
+
+
+def _mesh_names(root: Any) -> dict[str, None]:
+    """Return the names of all visuals' meshes, each once, in file order."""
+    meshes = root.iterfind('link/visual/geometry/mesh')
+    return dict.fromkeys(mesh.get('filename') or '' for mesh in meshes)
 
 
 @cache
@@ -107,7 +113,7 @@ def reach(robot: Robot) -> float:
     return float(np.linalg.norm(np.ptp(points, axis=0))) or 1.0
 
 
-def _visuals(root: Any, link: Any, folder: Path | None) -> Iterator[LinkSurface]:
+def _visuals(root: Any, link: Any, surfaces: Mapping[str, Any]) -> Iterator[LinkSurface]:
     from yourdfpy import URDF  # as in model.rigid_urdf: it takes most of a second
 
     bare = etree.Element('robot', name='visuals')
@@ -119,7 +125,7 @@ def _visuals(root: Any, link: Any, folder: Path | None) -> Iterator[LinkSurface]
         robot = URDF.load(text, build_scene_graph=False, load_meshes=False).robot
         colours = {m.name: m.color for m in robot.materials if m.color is not None}
         for visual in robot.links[0].visuals:
-            mesh = _mesh(visual.geometry, folder)
+            mesh = _mesh(visual.geometry, surfaces)
             if mesh is None or not len(mesh.faces):
                 continue
             if visual.origin is not None:
@@ -135,8 +141,8 @@ def _copies(elements: list[Any]) -> list[Any]:
     return [etree.fromstring(etree.tostring(element)) for element in elements]
 
 
-def _mesh(geometry: Any, folder: Path | None) -> Any:
-    """Return a visual's trimesh, None for one that is nowhere."""
+def _mesh(geometry: Any, surfaces: Mapping[str, Any]) -> Any:
+    """Return a visual's trimesh, None for one that is nowhere; ModelError for a bad one."""
     import trimesh
 
     if geometry.box is not None:
@@ -146,10 +152,12 @@ def _mesh(geometry: Any, folder: Path | None) -> Any:
         return trimesh.creation.cylinder(radius=shape.radius, height=shape.length, sections=24)
     if geometry.sphere is not None:
         return trimesh.creation.icosphere(subdivisions=2, radius=geometry.sphere.radius)
-    file = mesh_file(geometry.mesh.filename, folder)
-    if file is None:  # told once for all
+    surface = surfaces.get(geometry.mesh.filename)
+    if surface is None:  # told once for all
         return None
-    mesh = trimesh.load(file, force='mesh')
+    if isinstance(surface, ModelError):
+        raise surface
+    mesh = surface.copy()
     if geometry.mesh.scale is not None:
         mesh.apply_scale(geometry.mesh.scale)
     return mesh

@@ -27,6 +27,7 @@ from denoc_ros.dynamics.validation import as_states
 from denoc_ros.errors import ConfigError, DenocError, StateError
 from denoc_ros.viewer.charts import Charts
 from denoc_ros.viewer.folders import JointSliders, ModePlayer, Playback, start_configuration
+from denoc_ros.viewer.page_text import PageText
 from denoc_ros.viewer.snapshot import Snapshot
 from denoc_ros.viewer.view import Controls, View, ViewOptions
 
@@ -337,7 +338,7 @@ def offer(page: Page, names: Sequence[str], shown: str, load: Callable[[str], Ex
     gui = page.server.gui
     with gui.add_folder('Systems', order=-10.0):
         choice = gui.add_dropdown('Robot', tuple(names), initial_value=shown)
-        text = gui.add_markdown('')
+        text = PageText(gui)
 
     def change() -> None:
         try:
@@ -345,9 +346,9 @@ def offer(page: Page, names: Sequence[str], shown: str, load: Callable[[str], Ex
             page.change_robot(exhibit.robot)
             page.pose(exhibit.joints)
         except DenocError as error:
-            text.content = str(error)
+            text.show(str(error))
             return
-        text.content = ''
+        text.show('')
 
     choice.on_update(lambda _: change())
     change()

@@ -11,9 +11,11 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
+from matplotlib.text import Text
 from matplotlib.ticker import MaxNLocator, MultipleLocator
 from numpy.typing import NDArray
 
+from denoc_ros.terminal_text import visible
 from denoc_ros.types import Array
 from denoc_ros.units import round_up, si_prefix
 from denoc_ros.viewer.bending import strain_colours
@@ -82,7 +84,7 @@ class Canvas:
         self._moving = moving
         for artist in moving:
             artist.set_animated(True)
-        self._canvas.draw()
+        _draw(self._canvas)
         self._still = self._canvas.copy_from_bbox(self.figure.bbox)
 
     def pixels(self) -> Pixels:
@@ -235,7 +237,7 @@ def strip(
     line = {'y': 1.0 - 0.5 * HEADER / height, 'va': 'center'}
     figure.text(0.02, s=title, size=12, weight='bold', color=INK, **line)
     figure.text(0.98, s=stated(run, staging), size=9.5, color=MUTED, ha='right', **line)
-    canvas.draw()
+    _draw(canvas)
     return np.array(canvas.buffer_rgba())[:, :, :3]
 
 
@@ -256,6 +258,14 @@ def _figure(size: tuple[int, int]) -> tuple[Figure, FigureCanvasAgg]:
     dpi = max(62.0, size[0] / 10.24)
     figure = Figure(figsize=(size[0] / dpi, size[1] / dpi), dpi=dpi, facecolor=PAPER)
     return figure, FigureCanvasAgg(figure)
+
+
+def _draw(canvas: FigureCanvasAgg) -> None:
+    """Draw a figure; dollar signs in names of files are no formulas, which might not parse."""
+    for text in canvas.figure.findobj(Text):
+        text.set_parse_math(False)
+        text.set_text(visible(text.get_text()))
+    canvas.draw()
 
 
 def _when(run: RecordedRun, t: float) -> str:

@@ -26,6 +26,7 @@ from denoc_ros.viewer.bending import (
 )
 from denoc_ros.viewer.outline import STEEL, Colour, LinkSurface, joined_faces, reach
 from denoc_ros.viewer.overlays import REACTION, REACTION_MOMENT, TORQUE, Overlays
+from denoc_ros.viewer.page_text import boxed
 from denoc_ros.viewer.snapshot import Snapshot
 
 BANDS = 15  # of colour; a mesh of the page has one colour
@@ -402,7 +403,7 @@ class Controls:
         ]
         if legend.held:
             lines.append('<div>no torques are known: reactions are those of held joints</div>')
-        _put(self._arrows, _box(''.join(lines)) if lines else '')
+        _put(self._arrows, boxed(''.join(lines)) if lines else '')
 
 
 def _put(handle: Any, text: str) -> None:
@@ -414,10 +415,6 @@ def _css(colour: tuple[int, int, int]) -> str:
     return f'rgb{colour}'
 
 
-def _box(inner: str) -> str:
-    return f'<div style="padding:0.2em 0.8em 0.5em;font-size:0.8em">{inner}</div>'
-
-
 def _colour_bar(limit: float) -> str:
     ends = f'{limit * 1e6:g}'
     bar = (
@@ -426,4 +423,4 @@ def _colour_bar(limit: float) -> str:
     )
     row = '<div style="display:flex;justify-content:space-between">{}</div>'
     numbers = ''.join(f'<span>{text}</span>' for text in (f'−{ends}', '0', f'+{ends}'))
-    return _box('bending strain [µm/m]' + bar + row.format(numbers))
+    return boxed('bending strain [µm/m]' + bar + row.format(numbers))

@@ -17,8 +17,8 @@ from denoc_ros.bags.reader import bag_topics, read_attachment, read_bag
 from denoc_ros.bags.recover import recover
 from denoc_ros.bags.run import statuses
 from denoc_ros.bags.series import read_arrays, read_joint_states
-from denoc_ros.bags.storage import LARGEST_CHUNK
 from denoc_ros.bags.writer import BagWriter
+from denoc_ros.decompression import LARGEST_CHUNK
 from denoc_ros.errors import BagError
 
 JOINT_STATE = 'sensor_msgs/msg/JointState'

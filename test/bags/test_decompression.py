@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import os
+import re
 import resource
 import sqlite3
 from collections.abc import Callable
 from pathlib import Path
+from typing import IO
 
 import lz4.frame  # type: ignore[import-untyped]
 import pytest
@@ -18,16 +21,17 @@ from denoc_ros.bags.metadata import Topic
 from denoc_ros.bags.reader import read_bag, read_raw, read_thinned
 from denoc_ros.bags.recover import recover
 from denoc_ros.bags.series import read_joint_states
-from denoc_ros.bags.storage import (
+from denoc_ros.bags.storage import McapFile
+from denoc_ros.bags.writer import BagWriter
+from denoc_ros.cli.main import main
+from denoc_ros.decompression import (
     LARGEST_CHUNK,
+    LARGEST_RATIO,
     MOST_AT_ONCE,
-    McapFile,
     decompressed,
     decompressed_message,
     require_bounded,
 )
-from denoc_ros.bags.writer import BagWriter
-from denoc_ros.cli.main import main
 from denoc_ros.errors import BagError
 
 JOINT_STATE = 'sensor_msgs/msg/JointState'
@@ -163,3 +167,103 @@ def test_other_cells_of_a_database_never_make_a_traceback(
     for verb in (['report', *out], ['identify', 'info'], ['replay', *out]):
         assert main([*verb, str(database)]) in (0, 1)
         assert 'Traceback' not in capsys.readouterr().err
+
+
+def compressed_bag(folder: Path, content: bytes, database: Path) -> Path:
+    """Write a bag of which each file is compressed: its first is a database, then zeros."""
+    packed = zstandard.compress(database.read_bytes()) + zstandard.compress(content)
+    folder.mkdir()
+    (folder / f'{database.name}.zstd').write_bytes(packed)
+    text = (database.parent / 'metadata.yaml').read_text()
+    text = text.replace(f'- {database.name}', f'- {database.name}.zstd')
+    text = text.replace("compression_format: ''", 'compression_format: zstd')
+    text = text.replace("compression_mode: ''", 'compression_mode: FILE')
+    assert 'mode: FILE' in text
+    (folder / 'metadata.yaml').write_text(text)
+    return folder
+
+
+@pytest.mark.parametrize('files', [1, 3])
+def test_a_small_compressed_bag_does_not_fill_the_disk(
+    tmp_path: Path, database: Path, files: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A bag of 98 kB filled TMPDIR with 3 GB; many small files share one bound."""
+    written = 0
+
+    def count(source: IO[bytes], target: IO[bytes]) -> None:
+        nonlocal written
+        while piece := source.read(1 << 20):
+            written += len(piece)
+
+    share = LARGEST_CHUNK // files + (1 << 20)
+    bag = compressed_bag(tmp_path / 'small', bytes(share), database)
+    for k in range(1, files):
+        name = f'{k}_{database.name}.zstd'
+        (bag / name).write_bytes(zstandard.compress(bytes(share)))
+        text = (bag / 'metadata.yaml').read_text()
+        listed = f'- {database.name}.zstd'
+        spaces = text[: text.index(listed)].rpartition('\n')[2]
+        text = text.replace(listed, f'{listed}\n{spaces}- {name}')
+        (bag / 'metadata.yaml').write_text(text)
+    assert sum(file.stat().st_size for file in bag.iterdir()) < LARGEST_CHUNK / LARGEST_RATIO
+    monkeypatch.setattr('shutil.copyfileobj', count)
+    with pytest.raises(BagError, match=f'unpack to at most {LARGEST_CHUNK} bytes, got more'):
+        list(read_bag(bag))
+    assert written <= LARGEST_CHUNK
+
+
+def test_a_compressed_bag_has_the_messages_of_the_plain_one(
+    tmp_path: Path, database: Path
+) -> None:
+    bag = compressed_bag(tmp_path / 'bag_of_files', b'', database)
+    plain = [(one.log_ns, one.raw) for one in read_bag(database.parent)]
+    assert [(one.log_ns, one.raw) for one in read_bag(bag)] == plain
+    packed = next(bag.glob('*.zstd'))
+    packed.write_bytes(packed.read_bytes()[:-5])
+    with pytest.raises(BagError, match='bag must be readable'):
+        list(read_bag(bag))
+
+
+def test_chunks_in_a_compressed_file_have_the_bounds_of_all_chunks(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = tmp_path / 'zstd'
+    file = bomb(folder, 'zstd', monkeypatch)
+    summary = 'denoc_ros.bags.rosbags_bounds.require_bounded_chunks'
+    seen: list[Path] = []
+    monkeypatch.setattr(summary, seen.append)
+    (folder / f'{file.name}.zstd').write_bytes(zstandard.compress(file.read_bytes()))
+    file.unlink()
+    text = (folder / 'metadata.yaml').read_text().replace(file.name, f'{file.name}.zstd')
+    text = re.sub('compression_format: .*', 'compression_format: zstd', text)
+    text = re.sub('compression_mode: .*', 'compression_mode: FILE', text)
+    (folder / 'metadata.yaml').write_text(text)
+    with pytest.raises(BagError, match='bytes that it claims, got more'):
+        list(read_bag(folder))
+    assert [path.name for path in seen] == [file.name]
+
+
+def test_a_database_that_computes_its_messages_is_refused(database: Path) -> None:
+    with sqlite3.connect(database) as connection:
+        connection.executescript(
+            'DROP TABLE messages; CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id, '
+            'timestamp, data BLOB AS (zeroblob(400000000)));'
+            'INSERT INTO messages(topic_id, timestamp) VALUES (1, 1);'
+        )
+    with pytest.raises(BagError, match="must hold plain tables, got 'messages'"):
+        list(read_bag(database))
+
+
+@pytest.mark.parametrize('suffix', ['.mcap', '.db3'])
+def test_a_pipe_is_no_bag(tmp_path: Path, database: Path, suffix: str) -> None:
+    """Opening a pipe to which nobody writes waits for ever."""
+    pipe = tmp_path / f'a{suffix}'
+    os.mkfifo(pipe)
+    with pytest.raises(BagError, match='must be'):
+        list(read_bag(pipe))
+    database.unlink()
+    os.mkfifo(database)
+    with pytest.raises(BagError, match='must be'):
+        list(read_bag(database.parent))
+    for verb in ('recover', 'report'):
+        assert main([verb, str(pipe)]) == 1

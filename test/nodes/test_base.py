@@ -166,3 +166,23 @@ def test_older_stamps_are_taken_after_simulated_time_was_set_back(graph: Any) ->
     node.monitor.accepted = 0
     graph.until(lambda: at(5))
     assert node.monitor.accepted > 0
+
+
+def test_log_lines_show_control_characters(graph: Any, capfd: pytest.CaptureFixture[str]) -> None:
+    log = graph.add(Listener, start=False).get_logger()
+    topic = 'topic /a\x1b[31m\u202e'
+    log.info(topic)
+    log.warning(topic)
+    log.error(topic)
+    log.fatal(topic)
+    for k in range(3):
+        log.info(f'/b\x9b{k}', once=True)
+    said = capfd.readouterr()
+    lines = said.out + said.err
+    assert lines.count('\\x1b[31m\\u202e') == 4
+    assert '\x1b' not in lines
+    assert '\x9b' not in lines
+    # A filter belongs to the line that logs, not to the printer.
+    assert lines.count('/b\\x9b') == 1
+    log.info('other\x1b', once=True)
+    assert 'other\\x1b' in ''.join(capfd.readouterr())

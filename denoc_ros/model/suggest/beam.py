@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -60,7 +61,7 @@ class Wish:
     material: Material
     bandwidth: float  # Hz
     gravity: float  # m/s^2, its size
-    folder: Path  # of the file's meshes
+    surfaces: Mapping[str, Any]  # of `link_surfaces`
 
 
 def suggested_beam(
@@ -82,12 +83,12 @@ def suggested_beam(
     most = largest_mass_per_length(body, line.length, 0.0)
     if most * line.length < LEAST_SHARE * load.own.mass:
         return 'its mass is not spread along the line from joint to joint'
-    outer = outline(element, line.frame, line.length, wish.folder)
+    outer = outline(element, line.frame, line.length, wish.surfaces)
     stiff = stiffness(body, line, most, outer, wish.material)
     if stiff.stations:
         most = largest_mass_per_length(body, line.length, 0.0, stiff.mass_along)
         stiff = stiffness(body, line, most, outer, wish.material)
-    if outer is None and (lost := lost_mesh(element, wish.folder)):
+    if outer is None and (lost := lost_mesh(element, wish.surfaces)):
         stiff = replace(stiff, why=f'{stiff.why}; its mesh {lost} is not available')
     tip = _tip_load(load, line)
     mass_per_length, polar, modes = _shares(body, line, most, stiff, tip, wish.bandwidth)

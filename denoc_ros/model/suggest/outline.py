@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,7 +12,7 @@ import numpy as np
 from denoc_ros.errors import ModelError
 from denoc_ros.model.findings import Element, Findings, Reader
 from denoc_ros.model.inertia import inverse_transform
-from denoc_ros.model.mesh_files import mesh_file, read_surface
+from denoc_ros.model.mesh_files import named_surfaces
 from denoc_ros.types import Array
 
 ALIGNED = 0.98  # cosine: within 11 degrees of an axis is along it
@@ -39,7 +39,9 @@ class Outline:
     taper: tuple[tuple[float, float, float], ...] = ()
 
 
-def outline(link: Element, frame: Array, length: float, folder: Path) -> Outline | None:
+def outline(
+    link: Element, frame: Array, length: float, surfaces: Mapping[str, Any]
+) -> Outline | None:
     """Return a link's outer size across a beam.
 
     Parameters
@@ -48,8 +50,8 @@ def outline(link: Element, frame: Array, length: float, folder: Path) -> Outline
         Beam frame seen from the link frame.
     length : float
         Of the beam [m].
-    folder : Path
-        Where mesh files are looked for: that of the URDF, and those above it.
+    surfaces : mapping
+        As of `link_surfaces`.
 
     Returns
     -------
@@ -63,19 +65,33 @@ def outline(link: Element, frame: Array, length: float, folder: Path) -> Outline
     for readers in ((_cylinder, _box), (_mesh,)):
         for pose, geometry in shapes:
             for read in readers:
-                found = read(geometry, pose, length, folder)
+                found = read(geometry, pose, length, surfaces)
                 if found is not None:
                     return found
     return None
 
 
-def lost_mesh(link: Element, folder: Path) -> str:
+def link_surfaces(root: Element, folder: Path) -> dict[str, Any]:
+    """Return the meshes of all links that are found and readable, by `<mesh filename>`.
+
+    Parameters
+    ----------
+    folder : Path
+        Where mesh files are looked for: that of the URDF, and those above it.
+    """
+    names = dict.fromkeys(_mesh_names(root))
+    # A mesh is only a hint: one that cannot be read counts as none.
+    found = named_surfaces(names, folder)
+    return {name: mesh for name, mesh in found.items() if not isinstance(mesh, ModelError)}
+
+
+def lost_mesh(link: Element, surfaces: Mapping[str, Any]) -> str:
     """Return the first of a link's meshes that is not found or not readable, '' if none is."""
-    for mesh in link.iterfind('.//geometry/mesh'):
-        filename = str(mesh.get('filename', ''))
-        if _read_mesh(filename, folder) is None:
-            return filename
-    return ''
+    return next((name for name in _mesh_names(link) if name not in surfaces), '')
+
+
+def _mesh_names(element: Element) -> list[str]:
+    return [str(mesh.get('filename', '')) for mesh in element.iterfind('.//geometry/mesh')]
 
 
 def _shapes(elements: list[Element], frame: Array) -> Iterator[tuple[Array, Element]]:
@@ -88,7 +104,9 @@ def _shapes(elements: list[Element], frame: Array) -> Iterator[tuple[Array, Elem
             yield inverse_transform(frame) @ pose, geometry
 
 
-def _cylinder(geometry: Element, pose: Array, length: float, folder: Path) -> Outline | None:
+def _cylinder(
+    geometry: Element, pose: Array, length: float, surfaces: Mapping[str, Any]
+) -> Outline | None:
     element = geometry.find('cylinder')
     if element is None or abs(pose[0, 2]) < ALIGNED:
         return None
@@ -100,7 +118,9 @@ def _cylinder(geometry: Element, pose: Array, length: float, folder: Path) -> Ou
     return Outline(diameter, diameter, True, 'cylinder')
 
 
-def _box(geometry: Element, pose: Array, length: float, folder: Path) -> Outline | None:
+def _box(
+    geometry: Element, pose: Array, length: float, surfaces: Mapping[str, Any]
+) -> Outline | None:
     element = geometry.find('box')
     if element is None:
         return None
@@ -113,30 +133,22 @@ def _box(geometry: Element, pose: Array, length: float, folder: Path) -> Outline
     return Outline(y, z, False, 'box') if x >= COVERED * length else None
 
 
-def _mesh(geometry: Element, pose: Array, length: float, folder: Path) -> Outline | None:
+def _mesh(
+    geometry: Element, pose: Array, length: float, surfaces: Mapping[str, Any]
+) -> Outline | None:
     element = geometry.find('mesh')
     if element is None:
         return None
-    mesh = _read_mesh(element.get('filename', ''), folder)
-    if mesh is None:
+    surface = surfaces.get(element.get('filename', ''))
+    if surface is None:
         return None
     findings = Findings()
     scale = Reader(element, '', findings).vector('scale', '1 1 1', '-')
     if findings.items:
         return None
+    mesh = surface.copy()
     mesh.apply_transform(pose @ np.diag([*scale, 1.0]))
     return _cut(mesh, length)
-
-
-def _read_mesh(filename: str, folder: Path) -> Any:
-    """Return a mesh of trimesh, None where it is not found or not readable."""
-    file = mesh_file(filename, folder)
-    if file is None:
-        return None
-    try:
-        return read_surface(file)
-    except ModelError:  # a mesh is only a hint
-        return None
 
 
 def _cut(mesh: Any, length: float) -> Outline | None:

@@ -23,6 +23,7 @@ from denoc_ros.model.suggest.gears import (
     with_springs,
 )
 from denoc_ros.model.suggest.materials import MATERIALS, Material
+from denoc_ros.model.suggest.outline import link_surfaces
 from denoc_ros.model.suggest.subtree import SubtreeInertia, link_loads
 from denoc_ros.model.urdf import tree_of
 
@@ -95,7 +96,7 @@ def suggest_flexibility(
         MATERIALS[material],
         bandwidth,
         gravity,
-        Path() if where == TEXT_NAME else Path(where).resolve().parent,
+        link_surfaces(root, Path() if where == TEXT_NAME else Path(where).resolve().parent),
     )
     beams, refused = [], dict[str, str]()
     for element in root.findall('link'):
