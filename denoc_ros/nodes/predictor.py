@@ -32,6 +32,7 @@ from denoc_ros.nodes.robot_node import RobotNode
 from denoc_ros.nodes.sensor_inputs import SEARCH_PERIOD, BaseInput, SensorInputs
 from denoc_ros.runtime.clocks import StampOf
 from denoc_ros.runtime.conversions import JointStateReader
+from denoc_ros.runtime.joint_input import JointInput
 from denoc_ros.runtime.live_observer import Adaptation, build_observer, fusion_status, is_observers
 from denoc_ros.runtime.message_numbers import MessageFiller, Numbers
 from denoc_ros.runtime.motion_bounds import limits_of, motion_bounds
@@ -43,7 +44,7 @@ from denoc_ros.runtime.trajectory_messages import has_many_points, read_trajecto
 from denoc_ros.types import Array
 
 MOTION = ('position', 'velocity')
-Measurement = tuple[float, Array, Array | None, Array | None]
+Measurement = tuple[float, Array, Array | None, Array | None]  # None restarts the observer
 MOST_STEPS = 20  # periods of a processor's time that measurements may take after a pause
 QUEUE = 64  # measurements kept for a late tick
 TRANSLATION = np.array([3, 7, 11], dtype=np.intp)  # where a pose has it, row by row
@@ -196,7 +197,7 @@ class PredictorNode(RobotNode):
         self.observer = self._build(robot, settings)
         self.adaptation = self._adaptation(robot, settings)
         self._model_failures = 0
-        self._queue: deque[Measurement] = deque(maxlen=QUEUE)
+        self._queue: deque[Measurement | None] = deque(maxlen=QUEUE)
         self._stamps = StampClock()
         self._now = float('nan')
         self.bounds = motion_bounds(robot, self.joints, settings)
@@ -204,8 +205,12 @@ class PredictorNode(RobotNode):
             len(self.joints), settings.number('reference_timeout'), self.bounds
         )
         self._wanted = np.zeros((3, len(self.joints)))
-        self._reader = JointStateReader(
-            self.joints, settings.flag('allow_extra_joints'), robot.joint_names, self.bounds
+        self.motion = JointInput(
+            robot,
+            self.joints,
+            self.bounds,
+            settings.flag('allow_extra_joints'),
+            rewinds=True,
         )
         self._effort_reader = JointStateReader(self.joints)
         self.by_torque = settings.text('source') == 'torque'
@@ -265,15 +270,19 @@ class PredictorNode(RobotNode):
     # ---- inputs: what is stored here, the tick consumes
 
     def _on_joint_state(self, raw: bytes, now: float) -> None:
-        reader = self._reader
-        reader.read(raw, partial(self.joint_input.accept, now=now), self._takes_effort)
-        taken = self._stamps.taken_at(1e-9 * reader.stamp_ns, now, 1e-9 * self.stamp_ns_at(now))
-        velocity = reader.velocity if reader.has_velocity else None
-        effort = reader.effort if reader.has_effort else None
-        if self.by_command:
-            fresh = self.effort_input.age(now) <= self.settings.number('joint_state_timeout')
-            effort = self._effort_reader.effort if fresh else None
-        self._queue.append((taken, reader.position, velocity, effort))
+        samples = self.motion.take(raw, now, self.joint_input, self.refuse, self._takes_effort)
+        for each in samples:
+            if each.restarts:
+                self._queue.clear()
+                self._queue.append(None)
+            arrival = each.arrival
+            wall = 1e-9 * self.stamp_ns_at(arrival)
+            taken = self._stamps.taken_at(1e-9 * each.stamp_ns, arrival, wall)
+            effort = each.effort
+            if self.by_command:
+                fresh = self.effort_input.age(now) <= self.settings.number('joint_state_timeout')
+                effort = self._effort_reader.effort if fresh else None
+            self._queue.append((taken, each.position, each.velocity, effort))
 
     def _on_effort(self, raw: bytes, now: float) -> None:
         reader = self._effort_reader
@@ -283,7 +292,7 @@ class PredictorNode(RobotNode):
 
     def _on_reference(self, raw: bytes, now: float) -> None:
         message = read_trajectory(raw, self.joints, self.bounds, partial=True)
-        there = self._reader.position if self.joint_input.received else None
+        there = self.motion.position if self.joint_input.received else None
         self.offer(self.follower, message, self.reference_input, now, there)
 
     def _reference(self, t: float) -> tuple[Array, Array, Array]:
@@ -302,6 +311,7 @@ class PredictorNode(RobotNode):
     def begin(self) -> None:
         """Start anew from the next measurement."""
         self._queue.clear()
+        self.motion.reset()
         self.sensors.queue.clear()
         self._stamps.reset()
         self.base.begin()
@@ -350,7 +360,14 @@ class PredictorNode(RobotNode):
         if len(queue) > 1 and not self.clock.is_simulated:
             end = time.thread_time() + min(steps, MOST_STEPS) * self.period
         while queue:
-            taken, q, qd, effort = queue.popleft()
+            measurement = queue.popleft()
+            if measurement is None:
+                observer.reset()
+                adaptation.reset(values=False)
+                # A measurement that waits for the next tick would be too late for it.
+                end = math.inf
+                continue
+            taken, q, qd, effort = measurement
             observer.measure(taken, q, qd, effort if self._takes_effort else None)
             adaptation.measure(taken, q, qd, effort)
             if queue and time.thread_time() > end:
@@ -428,6 +445,7 @@ class PredictorNode(RobotNode):
         if self.is_configured:
             self.follower.clear()
             self._stamps.reset()
+            self.between_ticks(self.motion.reset)
             self.between_ticks(self._start_anew)
         self.forget_stamps()
         return 'reset: starts from the next joint state'
@@ -480,7 +498,7 @@ class PredictorNode(RobotNode):
             status.worsen(WARN, 'stale joint_states: nothing is published')
         fused = None if observer.fusion is None else fusion_status(observer.fusion, self._now)
         beside = (fused, self.adaptation.status())
-        return [status, *(each for each in beside if each is not None)]
+        return [status, self.motion.status(), *(each for each in beside if each is not None)]
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

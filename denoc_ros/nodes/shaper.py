@@ -31,8 +31,8 @@ from denoc_ros.nodes.messages import (
 from denoc_ros.nodes.process import leave, run
 from denoc_ros.nodes.robot_node import RobotNode
 from denoc_ros.runtime.clocks import StampOf
-from denoc_ros.runtime.conversions import JointStateReader
 from denoc_ros.runtime.input_monitor import InputError
+from denoc_ros.runtime.joint_input import JointInput
 from denoc_ros.runtime.motion_bounds import motion_bounds
 from denoc_ros.runtime.motion_planning import (
     MotionPlanning,
@@ -118,7 +118,7 @@ class ShaperNode(RobotNode):
         self._check(settings)
         n = len(self.joints)
         self.bounds = motion_bounds(robot, self.joints, settings)
-        self._reader = JointStateReader(self.joints, True, robot.joint_names, self.bounds)
+        self.motion = JointInput(robot, self.joints, self.bounds, allow_extra=True)
         self.stream = ShapedStream(
             n,
             self.period,
@@ -162,13 +162,13 @@ class ShaperNode(RobotNode):
     # ---- inputs
 
     def _on_joint_state(self, raw: bytes, now: float) -> None:
-        self._reader.read(raw, lambda stamp_ns: self.joint_input.accept(stamp_ns, now))
+        self.motion.take(raw, now, self.joint_input, self.refuse)
 
     def _where(self) -> Array | None:
         """Return the joint positions (joints,), None if they are unknown."""
         if self._known is not None:
             return self._known
-        return self._reader.position.copy() if self.joint_input.received else None
+        return self.motion.position.copy() if self.joint_input.received else None
 
     def _on_input(self, raw: bytes, now: float) -> None:
         if self.state != 'active':
@@ -481,6 +481,8 @@ class ShaperNode(RobotNode):
         with self._lock:
             if not self.stream.active and self._left(self.clock.now()) == 0.0:
                 self._forget()
+        if self.is_configured:
+            self.between_ticks(self.motion.reset)
         self.forget_stamps()
         return 'reset: waiting for a motion'
 
