@@ -27,7 +27,7 @@ from denoc_ros.runtime.joint_gate import JointSample
 from denoc_ros.runtime.joint_input import JointInput
 from denoc_ros.runtime.motion_bounds import limits_of, motion_bounds
 from denoc_ros.runtime.parameters import Settings
-from denoc_ros.runtime.reference import FiniteDifferencer, ReferenceFollower
+from denoc_ros.runtime.reference import FiniteDifferencer, reference_follower
 from denoc_ros.runtime.status import Status
 from denoc_ros.runtime.timing import PLACE, PhaseLock
 from denoc_ros.runtime.torque import (
@@ -98,7 +98,8 @@ class FeedforwardNode(RobotNode):
         self.q, self.qd, self.qdd, self._posture = np.zeros((4, n))
         gap = settings.number('reference_timeout')
         self.bounds = motion_bounds(self.robot, self.joints, settings)
-        self.follower = ReferenceFollower(n, gap, self.bounds)
+        posture = self.posture(self.robot, settings)
+        self.follower = reference_follower(self.robot, self.joints, gap, self.bounds, posture)
         cutoff = settings.number('acceleration_cutoff')
         self.stream = FiniteDifferencer(n, gap, cutoff, self.bounds)
         self.output = TorqueOutput(

@@ -38,7 +38,7 @@ from denoc_ros.runtime.message_numbers import MessageFiller, Numbers
 from denoc_ros.runtime.motion_bounds import limits_of, motion_bounds
 from denoc_ros.runtime.parameters import Settings
 from denoc_ros.runtime.predictor_parameters import TABLE
-from denoc_ros.runtime.reference import ReferenceFollower
+from denoc_ros.runtime.reference import reference_follower
 from denoc_ros.runtime.status import WARN, Status
 from denoc_ros.runtime.trajectory_messages import has_many_points, read_trajectory
 from denoc_ros.types import Array
@@ -201,8 +201,12 @@ class PredictorNode(RobotNode):
         self._stamps = StampClock()
         self._now = float('nan')
         self.bounds = motion_bounds(robot, self.joints, settings)
-        self.follower = ReferenceFollower(
-            len(self.joints), settings.number('reference_timeout'), self.bounds
+        self.follower = reference_follower(
+            robot,
+            self.joints,
+            settings.number('reference_timeout'),
+            self.bounds,
+            self.posture(robot, settings),
         )
         self._wanted = np.zeros((3, len(self.joints)))
         self.motion = JointInput(

@@ -27,7 +27,46 @@ CONFIRMATION_SAMPLES = 3
 # Of a joint without a limit, to tell a fast motion from a jump [rad/s or m/s].
 ASSUMED_VELOCITY = 10.0
 VELOCITY_FACTOR = 2.0  # Joints exceed their velocity limit at most by this factor.
+JUMP_RATIO = 4.0  # A step is a jump if this many times farther from its neighbour without it.
 LONGEST_GAP_S = 0.25  # After a longer pause the motion before says nothing about a sample.
+
+
+def nearest_turns(position: Array, near: Array, continuous: Array) -> Array:
+    """Return positions (..., n), those of continuous joints in the turn nearest to `near`."""
+    turns = np.where(continuous, np.round((near - position) / TURN), 0.0)
+    return np.asarray(position + TURN * turns)
+
+
+def unwrap_path(times: Array, positions: Array, continuous: Array) -> Array:
+    """Return the points of a trajectory without jumps by a turn.
+
+    A step of more than half a turn is a jump if the step before it, or after the first one,
+    explains the step without the turn much better.
+
+    Parameters
+    ----------
+    times : (k,) array
+        s, increasing.
+    positions : (k, n) array
+        rad or m.
+    continuous : (n,) array of bool
+        Whether a turn more or less is the same position.
+    """
+    steps = np.diff(positions, axis=0)
+    places = np.argwhere((np.abs(steps) > 0.5 * TURN) & continuous)
+    if len(positions) < 3 or not len(places):
+        return positions
+    elapsed, jumps = np.diff(times), np.zeros_like(steps)
+    for k, joint in places:
+        other = k - 1 if k else 1
+        rate = (steps[other, joint] - jumps[other, joint]) / elapsed[other]
+        jump = TURN * round(steps[k, joint] / TURN)
+        raw, shifted = steps[k, joint] / elapsed[k], (steps[k, joint] - jump) / elapsed[k]
+        if abs(raw - rate) > JUMP_RATIO * abs(shifted - rate):
+            jumps[k, joint] = jump
+    unwrapped = positions.copy()
+    unwrapped[1:] -= np.cumsum(jumps, axis=0)
+    return unwrapped
 
 
 @dataclass(frozen=True)
@@ -114,7 +153,7 @@ class JointGate:
     ----------
     joints : sequence of str
         n joints.
-    continuous : sequence of bool
+    continuous : (n,) array of bool
         Whether a turn more or less is the same position.
     velocity : (n,) array
         Velocity limits [rad/s or m/s], infinite where there is none.
@@ -133,8 +172,8 @@ class JointGate:
 
     def __init__(self, joints: Sequence[str], continuous: Sequence[bool], velocity: Array) -> None:
         self._joints = tuple(joints)
-        self._continuous = np.asarray(continuous, dtype=bool)
-        self._turns = bool(self._continuous.any())
+        self.continuous = np.asarray(continuous, dtype=bool)
+        self._turns = bool(self.continuous.any())
         # As the bounds of motions do, a velocity limit of 0 counts as none.
         known = np.isfinite(velocity) & (velocity > 0.0)
         self.velocity: Array = np.where(known, velocity, ASSUMED_VELOCITY)
@@ -142,6 +181,23 @@ class JointGate:
         self.restarts = 0
         self.ignores_velocity = False
         self.reset()
+
+    def begin_path(self, first: float, position: Array, near: Array) -> Array:
+        """Return how far to move a path (n,) so that it begins in the turn of the joints.
+
+        A first point that can be reached in its time stays: more than a turn may be wanted.
+
+        Parameters
+        ----------
+        first : float
+            Time of the first point [s]; 0: there the joints are.
+        position : (n,) array
+            Of the first point.
+        near : (n,) array
+            Where the joints are at time 0.
+        """
+        far = np.abs(position - near) > VELOCITY_FACTOR * self.velocity * first
+        return nearest_turns(position, near, self.continuous & far) - position
 
     def reset(self) -> None:
         """Forget the motion: the next sample passes."""
@@ -159,13 +215,6 @@ class JointGate:
         if self._track is not None:
             found[: len(self._track.deviation)] = self._track.deviation
         return found
-
-    def nearest(self, position: Array, near: Array) -> Array:
-        """Return positions (..., n), continuous joints in the turn nearest to `near`."""
-        if not self._turns:
-            return position
-        turns = np.where(self._continuous, np.round((near - position) / TURN), 0.0)
-        return np.asarray(position + TURN * turns)
 
     def offer(
         self,
@@ -295,12 +344,14 @@ class JointGate:
         near = track.values[:n] + (sample.time - track.time) * track.rate[:n]
         if (np.abs(near - sample.position) < 0.5 * TURN).all():
             return sample
-        return replace(sample, position=self.nearest(sample.position, near))
+        return replace(sample, position=nearest_turns(sample.position, near, self.continuous))
 
     def _start(self, sample: JointSample, near: Array | None, restarts: bool) -> JointSample:
         """Let the motion start at a sample."""
         if near is not None:
-            sample = replace(sample, position=self.nearest(sample.position, near))
+            sample = replace(
+                sample, position=nearest_turns(sample.position, near, self.continuous)
+            )
         values = self._values(sample)
         channels = len(values) // len(self._joints)
         negligible = NEGLIGIBLE_SHARE * np.tile(self.velocity, channels)

@@ -9,7 +9,13 @@ import numpy as np
 import pytest
 
 from denoc_ros.runtime.input_monitor import InputError, InputMonitor
-from denoc_ros.runtime.joint_gate import CONFIRMATION_S, JointGate, JointSample
+from denoc_ros.runtime.joint_gate import (
+    CONFIRMATION_S,
+    JointGate,
+    JointSample,
+    nearest_turns,
+    unwrap_path,
+)
 from denoc_ros.runtime.velocity_check import VelocityCheck
 from denoc_ros.types import Array
 
@@ -63,8 +69,24 @@ def test_a_turn_more_or_less_changes_nothing(with_velocity: bool) -> None:
 
 
 def test_joints_that_are_not_continuous_keep_their_turn() -> None:
-    gate = JointGate(['lift'], [False], np.array([10.0]))
-    np.testing.assert_array_equal(gate.nearest(np.array([7.0]), np.array([0.0])), [7.0])
+    position = 2.0 * np.pi * np.arange(3.0)[:, None]
+    fixed, there = np.array([False]), np.zeros(1)
+    np.testing.assert_array_equal(nearest_turns(position, there, fixed), position)
+    times = np.array([0.0, 1.0, 1.1])
+    np.testing.assert_array_equal(unwrap_path(times, position, fixed), position)
+
+
+def test_paths_of_continuous_joints_have_no_jump_by_a_turn_and_may_turn_more() -> None:
+    times = np.arange(0.0, 1.0, 0.05)
+    path = 2.4 + 3.0 * times[:, None] ** 2
+    wrapped = (path + math.pi) % (2.0 * math.pi) - math.pi
+    assert np.abs(np.diff(wrapped, axis=0)).max() > 6.0
+    turns = np.array([True])
+    np.testing.assert_allclose(unwrap_path(times, wrapped, turns), path, atol=1e-12)
+    for k in (2, 3):  # a turn and a half, point by point
+        wide = np.linspace(0.0, 3.0 * math.pi, k)[:, None]
+        even = np.linspace(0.0, 5.0, k)
+        np.testing.assert_array_equal(unwrap_path(even, wide, turns), wide)
 
 
 @pytest.mark.parametrize('limit', [10.0, math.inf])
