@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -31,6 +32,14 @@ BaseAt = Callable[[float], BaseMotion | None]
 # A longer gap [s] is not integrated over: the observer goes on from the measurement instead.
 LONGEST_GAP = 0.25
 MOST_STEPS = 250  # between two measurements, however far apart
+
+
+@dataclass(frozen=True)
+class MeasuredState:
+    """An observer's state at a measurement."""
+
+    stamp: float
+    rows: tuple[Array, ...]
 
 
 class Observer:
@@ -148,6 +157,25 @@ class Observer:
         self.time = math.nan
         self._stamp = math.nan
         self._tau[:] = 0.0
+
+    @property
+    def stamp(self) -> float:
+        """Time of the last measurement [s]; NaN before the first."""
+        return self._stamp
+
+    def measured_state(self) -> MeasuredState | None:
+        """Return the state to `rewind` to; None if sensors or hidden springs have states too."""
+        if self.fusion is not None or self.springs.hidden or not self.started:
+            return None
+        rows = self._q, self._qd, self._tau, self._filter.state
+        return MeasuredState(self._stamp, tuple(row.copy() for row in rows))
+
+    def rewind(self, state: MeasuredState) -> None:
+        """Go back to the state at an earlier measurement."""
+        self.time = self._stamp = state.stamp
+        rows = self._q, self._qd, self._tau, self._filter.state
+        for row, before in zip(rows, state.rows, strict=True):
+            row[:] = before
 
     @property
     def started(self) -> bool:

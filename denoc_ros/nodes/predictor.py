@@ -21,6 +21,7 @@ from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import ConfigError, SolverError, StateError
 from denoc_ros.estimation.clock import StampClock
 from denoc_ros.estimation.observer import Observer
+from denoc_ros.estimation.observer_history import ObserverHistory
 from denoc_ros.estimation.parameter_tracker import ParameterTracker
 from denoc_ros.kernels.compiled import ready
 from denoc_ros.kernels.rotation import write_quaternion
@@ -39,12 +40,13 @@ from denoc_ros.runtime.motion_bounds import limits_of, motion_bounds
 from denoc_ros.runtime.parameters import Settings
 from denoc_ros.runtime.predictor_parameters import TABLE
 from denoc_ros.runtime.reference import reference_follower
+from denoc_ros.runtime.remaining_error import RemainingError, Restart
 from denoc_ros.runtime.status import WARN, Status
 from denoc_ros.runtime.trajectory_messages import has_many_points, read_trajectory
 from denoc_ros.types import Array
 
 MOTION = ('position', 'velocity')
-Measurement = tuple[float, Array, Array | None, Array | None]  # None restarts the observer
+Measurement = tuple[float, Array, Array | None, Array | None]
 MOST_STEPS = 20  # periods of a processor's time that measurements may take after a pause
 QUEUE = 64  # measurements kept for a late tick
 TRANSLATION = np.array([3, 7, 11], dtype=np.intp)  # where a pose has it, row by row
@@ -197,7 +199,9 @@ class PredictorNode(RobotNode):
         self.observer = self._build(robot, settings)
         self.adaptation = self._adaptation(robot, settings)
         self._model_failures = 0
-        self._queue: deque[Measurement | None] = deque(maxlen=QUEUE)
+        # A number is a time [s] from which on all is measured once more.
+        self._queue: deque[Measurement | float] = deque(maxlen=QUEUE)
+        self._history, self._remaining = ObserverHistory(), RemainingError()
         self._stamps = StampClock()
         self._now = float('nan')
         self.bounds = motion_bounds(robot, self.joints, settings)
@@ -276,9 +280,6 @@ class PredictorNode(RobotNode):
     def _on_joint_state(self, raw: bytes, now: float) -> None:
         samples = self.motion.take(raw, now, self.joint_input, self.refuse, self._takes_effort)
         for each in samples:
-            if each.restarts:
-                self._queue.clear()
-                self._queue.append(None)
             arrival = each.arrival
             wall = 1e-9 * self.stamp_ns_at(arrival)
             taken = self._stamps.taken_at(1e-9 * each.stamp_ns, arrival, wall)
@@ -286,6 +287,9 @@ class PredictorNode(RobotNode):
             if self.by_command:
                 fresh = self.effort_input.age(now) <= self.settings.number('joint_state_timeout')
                 effort = self._effort_reader.effort if fresh else None
+            if each.restarts:
+                self._queue.clear()
+                self._queue.append(taken)
             self._queue.append((taken, each.position, each.velocity, effort))
 
     def _on_effort(self, raw: bytes, now: float) -> None:
@@ -315,6 +319,8 @@ class PredictorNode(RobotNode):
     def begin(self) -> None:
         """Start anew from the next measurement."""
         self._queue.clear()
+        self._history.clear()
+        self._remaining.restart = None
         self.motion.reset()
         self.sensors.queue.clear()
         self._stamps.reset()
@@ -361,12 +367,13 @@ class PredictorNode(RobotNode):
     def _measure(self, observer: Observer, steps: int) -> None:
         """Take measurements in, for the time that has passed at most; the rest waits."""
         queue, adaptation, end = self._queue, self.adaptation, math.inf
+        lost: tuple[Array, Array] | None = None
         if len(queue) > 1 and not self.clock.is_simulated:
             end = time.thread_time() + min(steps, MOST_STEPS) * self.period
         while queue:
             measurement = queue.popleft()
-            if measurement is None:
-                observer.reset()
+            if isinstance(measurement, float):
+                lost = self._rewind(observer, measurement)
                 adaptation.reset(values=False)
                 # A measurement that waits for the next tick would be too late for it.
                 end = math.inf
@@ -374,8 +381,27 @@ class PredictorNode(RobotNode):
             taken, q, qd, effort = measurement
             observer.measure(taken, q, qd, effort if self._takes_effort else None)
             adaptation.measure(taken, q, qd, effort)
+            self._history.add(observer)
+            if lost is not None:
+                self._remaining.restart = Restart(taken, lost, observer.q.copy())
+                lost = None
             if queue and time.thread_time() > end:
                 return
+
+    def _rewind(self, observer: Observer, time: float) -> tuple[Array, Array] | None:
+        """Bring the observer back to before a time [s], else reset it.
+
+        Returns
+        -------
+        pair of (n,) arrays or None
+            The last estimate, if it was reset.
+        """
+        started = observer.started
+        last = observer.q.copy(), observer.qd.copy()
+        if started and self._history.rewind(observer, time):
+            return None
+        observer.reset()
+        return last if started else None
 
     def rescue(self) -> bool:
         """Start anew from the next measurement: better no estimate than a wrong one."""
@@ -420,6 +446,7 @@ class PredictorNode(RobotNode):
 
     def _swap(self, robot: Robot, observer: Observer, adaptation: Adaptation) -> None:
         """Go on with a changed model where the one before is."""
+        self._history.clear()
         observer.adopt(self.observer)
         adaptation.adopt(self.adaptation)
         self.robot, self.observer, self.adaptation = robot, observer, adaptation
@@ -428,6 +455,8 @@ class PredictorNode(RobotNode):
 
     def _start_anew(self) -> None:
         """Forget the estimate and the numbers found."""
+        self._history.clear()
+        self._remaining.restart = None
         self.observer.reset()
         self.adaptation.reset(values=True)
 
@@ -502,7 +531,10 @@ class PredictorNode(RobotNode):
             status.worsen(WARN, 'stale joint_states: nothing is published')
         fused = None if observer.fusion is None else fusion_status(observer.fusion, self._now)
         beside = (fused, self.adaptation.status())
-        return [status, self.motion.status(), *(each for each in beside if each is not None)]
+        joints = self.motion.status()
+        if self._remaining.restart is not None:
+            self._remaining.warn(joints, self.robot.copy(), self._now)
+        return [status, joints, *(each for each in beside if each is not None)]
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
