@@ -324,6 +324,19 @@ class Observer:
         qdd[robot.joint_indices] = wanted
         return qdd
 
+    def joint_torque(self) -> Array:
+        """Return the torques (joints,) that the motion takes at the last measurement [N m, N]."""
+        q, qd = self._q, self._qd
+        qdd = self._accelerate(self.robot, self._stamp, q, qd)
+        torque = self.robot.inverse_dynamics(q, qd, qdd, check=False)
+        return np.asarray(torque[self._joints])
+
+    @property
+    def judges_effort(self) -> bool:
+        """Whether `joint_torque` is what measured efforts are."""
+        sides = self.springs.hidden or self.settings.motor_effort or self._floating.floats
+        return self.motion.plain and self.fusion is None and not sides
+
     def sensor_values(self, robot: Robot) -> Array:
         """Return the values (sensors,) that the model expects of sensors on beams at `time`.
 

@@ -33,6 +33,7 @@ from denoc_ros.nodes.robot_node import RobotNode
 from denoc_ros.nodes.sensor_inputs import SEARCH_PERIOD, BaseInput, SensorInputs
 from denoc_ros.runtime.clocks import StampOf
 from denoc_ros.runtime.conversions import JointStateReader
+from denoc_ros.runtime.effort_check import EffortGuard, effort_guard
 from denoc_ros.runtime.joint_input import JointInput
 from denoc_ros.runtime.live_observer import Adaptation, build_observer, fusion_status, is_observers
 from denoc_ros.runtime.message_numbers import MessageFiller, Numbers
@@ -197,6 +198,7 @@ class PredictorNode(RobotNode):
             )
         self.base.build(robot.gravity)
         self.observer = self._build(robot, settings)
+        self.efforts = self._guard(robot, settings)
         self.adaptation = self._adaptation(robot, settings)
         self._model_failures = 0
         # A number is a time [s] from which on all is measured once more.
@@ -246,6 +248,10 @@ class PredictorNode(RobotNode):
         if self.base.used:
             observer.base = self.base.at
         return observer
+
+    def _guard(self, robot: Robot, settings: Settings) -> EffortGuard:
+        posture = self.posture(robot, settings)
+        return effort_guard(robot, settings, self.period, self.joints, posture)
 
     def _adaptation(self, robot: Robot, settings: Settings) -> Adaptation:
         name = self.get_fully_qualified_name()
@@ -321,6 +327,7 @@ class PredictorNode(RobotNode):
         self._queue.clear()
         self._history.clear()
         self._remaining.restart = None
+        self.efforts.reset()
         self.motion.reset()
         self.sensors.queue.clear()
         self._stamps.reset()
@@ -379,7 +386,7 @@ class PredictorNode(RobotNode):
                 end = math.inf
                 continue
             taken, q, qd, effort = measurement
-            observer.measure(taken, q, qd, effort if self._takes_effort else None)
+            self.efforts.measure(observer, taken, q, qd, effort)
             adaptation.measure(taken, q, qd, effort)
             self._history.add(observer)
             if lost is not None:
@@ -399,8 +406,10 @@ class PredictorNode(RobotNode):
         started = observer.started
         last = observer.q.copy(), observer.qd.copy()
         if started and self._history.rewind(observer, time):
+            self.efforts.follow(observer)
             return None
         observer.reset()
+        self.efforts.follow(observer)
         return last if started else None
 
     def rescue(self) -> bool:
@@ -444,10 +453,14 @@ class PredictorNode(RobotNode):
         self.follower.clear()
         super().restart()
 
-    def _swap(self, robot: Robot, observer: Observer, adaptation: Adaptation) -> None:
+    def _swap(
+        self, robot: Robot, observer: Observer, adaptation: Adaptation, efforts: EffortGuard
+    ) -> None:
         """Go on with a changed model where the one before is."""
         self._history.clear()
         observer.adopt(self.observer)
+        efforts.follow(observer)
+        self.efforts = efforts
         adaptation.adopt(self.adaptation)
         self.robot, self.observer, self.adaptation = robot, observer, adaptation
         self.outputs.attach(observer, robot.pose_of(self.tip))
@@ -456,6 +469,7 @@ class PredictorNode(RobotNode):
     def _start_anew(self) -> None:
         """Forget the estimate and the numbers found."""
         self._history.clear()
+        self.efforts.reset()
         self._remaining.restart = None
         self.observer.reset()
         self.adaptation.reset(values=True)
@@ -508,7 +522,8 @@ class PredictorNode(RobotNode):
         observer, adaptation = self._build(robot, settings), self._adaptation(robot, settings)
         self._lines = CentreLines(robot.copy())
         self.bounds.update(limits_of(robot, self.joints))
-        self.between_ticks(self._swap, robot, observer, adaptation)
+        efforts = self._guard(robot, settings)
+        self.between_ticks(self._swap, robot, observer, adaptation, efforts)
 
     # ---- diagnostics
 
@@ -532,6 +547,8 @@ class PredictorNode(RobotNode):
         fused = None if observer.fusion is None else fusion_status(observer.fusion, self._now)
         beside = (fused, self.adaptation.status())
         joints = self.motion.status()
+        if reason := self.efforts.reason:
+            joints.worsen(WARN, f'{reason}; the estimate uses positions and velocities only')
         if self._remaining.restart is not None:
             self._remaining.warn(joints, self.robot.copy(), self._now)
         return [status, joints, *(each for each in beside if each is not None)]

@@ -162,3 +162,30 @@ def test_after_positions_jumped_the_warning_has_the_size_of_the_error(
     assert errors.max() > 0.5 * sizes.max()
     assert all(found.statuses[k].level == WARN for k in warned)
     assert {each.level for each in expected.statuses} == {OK}
+
+
+@pytest.mark.parametrize('factor', [1000.0, -1.0, 0.0])
+def test_efforts_that_are_no_torques_are_found_and_forgotten(
+    graph: Any, robot_file: Path, run: Run, factor: float
+) -> None:
+    def wrong(message: Any, row: int) -> bool:
+        if row >= 60:
+            message.effort = [factor * effort for effort in message.effort]
+        return True
+
+    found = Estimate(graph, robot_file, run, wrong, source='torque')
+    expected = Estimate(graph, robot_file, run, as_measured)
+    levels = [each.level for each in found.statuses]
+    since = 10 * levels.index(WARN)
+    assert 60 < since <= 60 + round(0.7 * RATE)
+    assert 'effort must be the torque of the motion' in found.status.message
+    peak = np.abs(expected.deflection).max()
+    error = np.abs(found.deflection - expected.deflection)[since:] / peak
+    assert error.max() < 0.01
+
+
+@pytest.mark.parametrize('source', ['joints', 'torque'])
+def test_good_joint_states_are_ok(graph: Any, robot_file: Path, run: Run, source: str) -> None:
+    found = Estimate(graph, robot_file, run, as_measured, source=source)
+    assert not found.node.joint_input.rejected
+    assert {each.level for each in found.statuses} == {OK}
