@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -23,7 +24,7 @@ from denoc_ros.nodes.torque import BaseWrench, ImpedanceOutput, TorqueFeedback, 
 from denoc_ros.runtime.clocks import StampOf
 from denoc_ros.runtime.feedforward_parameters import TABLE
 from denoc_ros.runtime.input_monitor import InputError, InputMonitor
-from denoc_ros.runtime.joint_gate import JointSample
+from denoc_ros.runtime.joint_gate import JointSample, joint_gate
 from denoc_ros.runtime.joint_input import JointInput
 from denoc_ros.runtime.motion_bounds import limits_of, motion_bounds
 from denoc_ros.runtime.parameters import Settings
@@ -102,6 +103,7 @@ class FeedforwardNode(RobotNode):
         self.follower = reference_follower(self.robot, self.joints, gap, self.bounds, posture)
         cutoff = settings.number('acceleration_cutoff')
         self.stream = FiniteDifferencer(n, gap, cutoff, self.bounds)
+        self.stream_gate = joint_gate(self.robot, self.joints)
         self.output = TorqueOutput(
             self,
             self.joints,
@@ -250,8 +252,16 @@ class FeedforwardNode(RobotNode):
             self.offer(self.follower, message, self.reference_input, now, there)
             return
         self.reference_input.accept(message.stamp_ns, now)
-        point = self.stream.complete(1e-9 * message.stamp_ns, *message.first)
-        self._answer(message.stamp_ns, *point)
+        sample = JointSample(
+            1e-9 * message.stamp_ns, *message.first, stamp_ns=message.stamp_ns, arrival=now
+        )
+        near = self.motion.position if self.joint_input.received else None
+        refuse = partial(self.refuse, self.reference_input)
+        passed = self.stream_gate.offer(sample, refuse, near)
+        self.reference_input.revise(len(passed))
+        for each in passed:
+            motion = each.position, each.velocity, each.acceleration
+            self._answer(each.stamp_ns, *self.stream.complete(each.time, *motion))
 
     def _answer(self, stamp_ns: int, q: Any, qd: Any, qdd: Any) -> None:
         """Publish the torque of one message's state, with its stamp."""
@@ -296,6 +306,7 @@ class FeedforwardNode(RobotNode):
         self._look_due = -math.inf
         self._joint_clock.reset()
         self.motion.reset()
+        self.stream_gate.reset()
         if self.phase is not None:
             self.phase.forget()
         self.carrying.hurry()
@@ -500,6 +511,7 @@ class FeedforwardNode(RobotNode):
             self.follower.clear()
             self.between_ticks(self.torque.reset)
             self.between_ticks(self.motion.reset)
+            self.between_ticks(self.stream_gate.reset)
             self._message_time = None
         self.forget_stamps()
         return 'reset: waiting for a reference'

@@ -45,6 +45,7 @@ from denoc_ros.runtime.motion_planning import (
 )
 from denoc_ros.runtime.parameters import Settings
 from denoc_ros.runtime.planner import Answer
+from denoc_ros.runtime.reference import reference_follower
 from denoc_ros.runtime.shaped_stream import ShapedStream
 from denoc_ros.runtime.shaper_parameters import OF_STREAMS, TABLE
 from denoc_ros.runtime.status import ERROR, WARN, Status
@@ -119,12 +120,13 @@ class ShaperNode(RobotNode):
         n = len(self.joints)
         self.bounds = motion_bounds(robot, self.joints, settings)
         self.motion = JointInput(robot, self.joints, self.bounds, allow_extra=True)
+        stale_after, posture = settings.number('stream_timeout'), self.posture(robot, settings)
         self.stream = ShapedStream(
             n,
             self.period,
-            settings.number('stream_timeout'),
+            stale_after,
             settings.number('stop_time'),
-            self.bounds,
+            reference_follower(robot, self.joints, stale_after, self.bounds, posture),
         )
         self._modes_robot = ringing_robot(robot, settings.text('base'))
         self._point = TrajectoryPointMessage(self.joints)

@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.model.tree import Joint
@@ -31,13 +32,13 @@ JUMP_RATIO = 4.0  # A step is a jump if this many times farther from its neighbo
 LONGEST_GAP_S = 0.25  # After a longer pause the motion before says nothing about a sample.
 
 
-def nearest_turns(position: Array, near: Array, continuous: Array) -> Array:
+def nearest_turns(position: Array, near: Array, continuous: NDArray[np.bool_]) -> Array:
     """Return positions (..., n), those of continuous joints in the turn nearest to `near`."""
     turns = np.where(continuous, np.round((near - position) / TURN), 0.0)
     return np.asarray(position + TURN * turns)
 
 
-def unwrap_path(times: Array, positions: Array, continuous: Array) -> Array:
+def unwrap_path(times: Array, positions: Array, continuous: NDArray[np.bool_]) -> Array:
     """Return the points of a trajectory without jumps by a turn.
 
     A step of more than half a turn is a jump if the step before it, or after the first one,
@@ -64,7 +65,7 @@ def unwrap_path(times: Array, positions: Array, continuous: Array) -> Array:
         raw, shifted = steps[k, joint] / elapsed[k], (steps[k, joint] - jump) / elapsed[k]
         if abs(raw - rate) > JUMP_RATIO * abs(shifted - rate):
             jumps[k, joint] = jump
-    unwrapped = positions.copy()
+    unwrapped: Array = positions.copy()
     unwrapped[1:] -= np.cumsum(jumps, axis=0)
     return unwrapped
 

@@ -193,6 +193,7 @@ def largest_accelerations(robot: Robot, joints: Sequence[str], posture: Array) -
     inertia = np.diagonal(robot.inertia_matrix(posture))[robot.joint_indices]
     inertia = inertia[[robot.joint_names.index(joint) for joint in joints]]
     effort = np.array([limits.effort for limits in limits_of(robot, joints)])
-    found = np.full(len(effort), np.inf)
+    found: Array = np.full(len(effort), np.inf)
     known = np.isfinite(effort) & (effort > 0.0) & (inertia > 0.0)
-    return np.divide(effort, inertia, out=found, where=known)
+    np.divide(effort, inertia, out=found, where=known)
+    return found

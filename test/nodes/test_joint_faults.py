@@ -68,7 +68,7 @@ class Estimate:
     @property
     def status(self) -> Status:
         """State of the joint states."""
-        found = {each.name: each for each in self.node.work_statuses()}
+        found: dict[str, Status] = {each.name: each for each in self.node.work_statuses()}
         return found['joint states']
 
 

@@ -265,7 +265,7 @@ def test_a_stream_within_the_bound_is_differenced_exactly() -> None:
     np.testing.assert_allclose(bounded[3:], free[3:], rtol=0, atol=1e-7)
 
 
-def sine(t: Array | float) -> Any:
+def sine(t: Any) -> Any:
     return 0.6 * np.sin(1.3 * np.asarray(t))
 
 
@@ -277,7 +277,7 @@ def test_a_trajectory_that_replaces_another_goes_on_from_its_state(
 ) -> None:
     """`late`: a policy needs time, and stamps its points by when it began."""
     follower = ReferenceFollower(1, 0.2)
-    times = first + 0.05 * np.arange(16)
+    times: Array = first + 0.05 * np.arange(16.0)
     jumps = []
     for k in range(8):
         now = 10.0 + 0.4 * k
