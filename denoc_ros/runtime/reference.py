@@ -452,11 +452,32 @@ def _join(
         return None
     q, qd, _ = state
     rate = (positions[rest][0] - q) / (times[rest][0] - late)
-    own = np.abs(np.diff(positions, axis=0) / np.diff(times)[:, None]).max(axis=0)
-    if (np.abs(rate) > np.abs(qd) + OWN_RATES * own).any():
+    steps = np.diff(positions, axis=0) / np.diff(times)[:, None]
+    if (np.abs(rate) > np.abs(qd) + OWN_RATES * np.abs(steps).max(axis=0)).any():
         return None
+    rest &= times >= late + _joining_time(message, late, q, steps)
+    rest[-1] = True
     changes = None if accelerations is None else accelerations[rest]
     return SplineTrajectory(times[rest] - late, positions[rest], None, changes, state)
+
+
+def _joining_time(message: TrajectoryMessage, late: float, q: Array, steps: Array) -> float:
+    """Return how long it takes to join a trajectory, with accelerations like its own [s].
+
+    Parameters
+    ----------
+    steps : (k - 1, n) array
+        Mean velocities between the points.
+    """
+    times = message.times
+    if late < times[0] or len(times) < 3:
+        return 0.0
+    there = [np.interp(late, times, column) for column in message.positions.T]
+    bends = np.abs(np.diff(steps, axis=0)) / (0.5 * (times[2:] - times[:-2]))[:, None]
+    # A cubic that closes a distance d in a time T begins with the acceleration 6 d / T^2.
+    wanted, own = 6.0 * np.abs(q - there), bends.max(axis=0)
+    times_squared = np.divide(wanted, own, out=np.zeros_like(own), where=own > 0.0)
+    return float(np.sqrt(times_squared.max()))
 
 
 def reference_follower(

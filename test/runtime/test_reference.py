@@ -299,6 +299,19 @@ def test_a_trajectory_that_replaces_another_goes_on_from_its_state(
     np.testing.assert_allclose(jumps, 0.0, atol=1e-9)
 
 
+def test_a_trajectory_that_comes_late_is_joined_with_accelerations_like_its_own() -> None:
+    follower = ReferenceFollower(1, 0.2)
+    times: Array = 0.05 * np.arange(16.0)
+    for k in range(8):
+        now = 10.0 + 0.4 * k + 0.02 * (k % 2)  # without a stamp: all points move with it
+        points = sine(0.4 * k + times)[:, None]
+        follower.offer(TrajectoryMessage(0, times, points, None, None), now, NOW_NS)
+        if k:
+            moments = np.linspace(now, now + 0.35, 100)
+            changes = [abs(at(follower, float(t))[2]) for t in moments]
+            assert max(changes) < 3.0 * 0.6 * 1.3**2
+
+
 def test_a_trajectory_begins_in_the_turn_of_the_joints() -> None:
     gate = JointGate(['swing'], [True], np.array([10.0]))
     turn = 2.0 * math.pi
