@@ -255,10 +255,12 @@ class FeedforwardNode(RobotNode):
         sample = JointSample(
             1e-9 * message.stamp_ns, *message.first, stamp_ns=message.stamp_ns, arrival=now
         )
-        near = self.motion.position if self.joint_input.received else None
-        refuse = partial(self.refuse, self.reference_input)
-        passed = self.stream_gate.offer(sample, refuse, near)
-        self.reference_input.revise(len(passed))
+        passed = [sample]
+        if sample.velocity is None:  # Its rates are differences of positions.
+            near = self.motion.position if self.joint_input.received else None
+            refuse = partial(self.refuse, self.reference_input)
+            passed = self.stream_gate.offer(sample, refuse, near)
+            self.reference_input.revise(len(passed))
         for each in passed:
             motion = each.position, each.velocity, each.acceleration
             self._answer(each.stamp_ns, *self.stream.complete(each.time, *motion))
