@@ -374,43 +374,36 @@ class PredictorNode(RobotNode):
     def _measure(self, observer: Observer, steps: int) -> None:
         """Take measurements in, for the time that has passed at most; the rest waits."""
         queue, adaptation, end = self._queue, self.adaptation, math.inf
-        lost: tuple[Array, Array] | None = None
         if len(queue) > 1 and not self.clock.is_simulated:
             end = time.thread_time() + min(steps, MOST_STEPS) * self.period
         while queue:
             measurement = queue.popleft()
             if isinstance(measurement, float):
-                lost = self._rewind(observer, measurement)
+                self._rewind(observer, measurement)
                 adaptation.reset(values=False)
                 # A measurement that waits for the next tick would be too late for it.
                 end = math.inf
                 continue
             taken, q, qd, effort = measurement
+            restarts = observer.restarts
             self.efforts.measure(observer, taken, q, qd, effort)
             adaptation.measure(taken, q, qd, effort)
             self._history.add(observer)
-            if lost is not None:
-                self._remaining.restart = Restart(taken, lost, observer.q.copy())
-                lost = None
+            if observer.restarts != restarts:  # It kept its state over a gap.
+                self._note_restart(observer, taken, kept=True)
             if queue and time.thread_time() > end:
                 return
 
-    def _rewind(self, observer: Observer, time: float) -> tuple[Array, Array] | None:
-        """Bring the observer back to before a time [s], else reset it.
-
-        Returns
-        -------
-        pair of (n,) arrays or None
-            The last estimate, if it was reset.
-        """
-        started = observer.started
-        last = observer.q.copy(), observer.qd.copy()
-        if started and self._history.rewind(observer, time):
-            self.efforts.follow(observer)
-            return None
-        observer.reset()
+    def _rewind(self, observer: Observer, time: float) -> None:
+        """Bring the observer back to before a time [s], else reset it."""
+        if observer.started and not self._history.rewind(observer, time):
+            self._note_restart(observer, time, kept=False)
+            observer.reset()
         self.efforts.follow(observer)
-        return last if started else None
+
+    def _note_restart(self, observer: Observer, time: float, kept: bool) -> None:
+        """Note a break in the estimate at a time [s], to warn of the vibration that it lost."""
+        self._remaining.restart = Restart(time, (observer.q.copy(), observer.qd.copy()), kept)
 
     def rescue(self) -> bool:
         """Start anew from the next measurement: better no estimate than a wrong one."""

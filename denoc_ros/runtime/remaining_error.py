@@ -1,4 +1,4 @@
-"""Expected error of an estimate that had to start again while the links may vibrate."""
+"""Expected error of an estimate that had a break while the links may vibrate."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ NEGLIGIBLE_SHARE = 0.01  # A smaller share of the first error needs no warning.
 
 @dataclass(frozen=True)
 class Restart:
-    """A start of the observer from equilibrium, at a time [s], with its states (n,)."""
+    """A break in the estimate at a time [s]."""
 
     time: float
-    before: tuple[Array, Array]  # coordinates and rates of the last estimate
-    after: Array  # coordinates in equilibrium
+    state: tuple[Array, Array]  # coordinates and rates (n,) of the last estimate
+    kept: bool  # The estimate goes on from this state; else it starts from equilibrium.
 
 
 class RemainingError:
@@ -55,21 +55,29 @@ class RemainingError:
         status.values['expected_error_m'] = share * self._size
         status.worsen(
             WARN,
-            f'the estimate started from equilibrium {age:.1f} s ago: its expected error '
+            f'the estimate started again {age:.1f} s ago: its expected error '
             f'is {share * self._size:.2g} m, with a time constant of {self._time_constant:.2g} s',
         )
 
     def _judge(self, restart: Restart, robot: Robot) -> None:
         """Find the amplitude of the lost vibration [m], and its time constant [s]."""
-        frequency, self._time_constant = _slowest(robot, restart.after)
+        q, qd = restart.state
+        try:
+            still = robot.static_deflection(q[robot.joint_indices])
+        except DenocError:  # Buckled, or of another kind: all of the deflection may be lost.
+            still = q.copy()
+            still[robot.flexible_indices] = 0.0
+        frequency, self._time_constant = _slowest(robot, still)
         deflections = TipDeflections(robot)
-        offset, rate = (np.array(each) for each in deflections.evaluate(*restart.before))
-        offset -= deflections.evaluate(restart.after, np.zeros(robot.n))[0]
+        offset, rate = (np.array(each) for each in deflections.evaluate(q, qd))
+        offset -= deflections.evaluate(still, np.zeros(robot.n))[0]
         links = len(deflections.links)
         # Of the six parts of each link, the first three are displacements.
         parts = [row.reshape(links, 6)[:, :3] for row in (offset, rate)]
         moved, speed = (float(np.linalg.norm(part, axis=1).max(initial=0.0)) for part in parts)
         self._size = math.hypot(moved, speed / frequency) if frequency else moved
+        if restart.kept:  # Two vibrations of one size, with any difference of phase.
+            self._size *= math.sqrt(2.0)
 
 
 def _slowest(robot: Robot, q: Array) -> tuple[float, float]:

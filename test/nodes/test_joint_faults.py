@@ -159,9 +159,27 @@ def test_after_positions_jumped_the_warning_has_the_size_of_the_error(
     assert np.all(np.diff(sizes) < 0.0)
     errors = np.abs(found.deflection - expected.deflection)[10 * np.array(warned)]
     assert np.all(errors <= 1.5 * sizes)
-    assert errors.max() > 0.5 * sizes.max()
+    assert errors.max() > 0.3 * sizes.max()
     assert all(found.statuses[k].level == WARN for k in warned)
     assert {each.level for each in expected.statuses} == {OK}
+
+
+def test_after_a_gap_the_warning_has_the_size_of_the_error(
+    graph: Any, robot_file: Path, run: Run
+) -> None:
+    last = WRONG + round(0.4 * RATE)
+
+    def gap(_message: Any, row: int) -> bool:
+        return not WRONG <= row < last
+
+    found = Estimate(graph, robot_file, run, gap)
+    expected = Estimate(graph, robot_file, run, as_measured)
+    warned = [k for k, each in enumerate(found.statuses) if 'expected_error_m' in each.values]
+    assert 10 * warned[0] - last <= 10
+    sizes = np.array([found.statuses[k].values['expected_error_m'] for k in warned])
+    errors = np.abs(found.deflection - expected.deflection)[10 * np.array(warned)]
+    assert np.all(errors <= 1.5 * sizes)
+    assert errors.max() > 0.1 * sizes.max()
 
 
 @pytest.mark.parametrize('factor', [1000.0, -1.0, 0.0])
