@@ -215,17 +215,18 @@ class PredictorNode(RobotNode):
             self.posture(robot, settings),
         )
         self._wanted = np.zeros((3, len(self.joints)))
+        self._effort_reader = JointStateReader(self.joints)
+        self.by_torque = settings.text('source') == 'torque'
+        self.by_command = settings.text('effort_source') == 'commanded'
+        self._takes_effort = self.by_torque and not self.by_command
         self.motion = JointInput(
             robot,
             self.joints,
             self.bounds,
             settings.flag('allow_extra_joints'),
             rewinds=True,
+            judges_effort=self._takes_effort,
         )
-        self._effort_reader = JointStateReader(self.joints)
-        self.by_torque = settings.text('source') == 'torque'
-        self.by_command = settings.text('effort_source') == 'commanded'
-        self._takes_effort = self.by_torque and not self.by_command
         self.base_frame = next(f for f, place in robot.tree.frames.items() if place.body < 0)
         self.outputs = PredictorOutputs(
             self,

@@ -158,6 +158,8 @@ class JointGate:
         Whether a turn more or less is the same position.
     velocity : (n,) array
         Velocity limits [rad/s or m/s], infinite where there is none.
+    effort : (n,) array, optional
+        Effort limits [N m or N]; None: efforts are not judged.
 
     Attributes
     ----------
@@ -171,13 +173,22 @@ class JointGate:
         How often the motion has started again after a jump.
     """
 
-    def __init__(self, joints: Sequence[str], continuous: Sequence[bool], velocity: Array) -> None:
+    def __init__(
+        self,
+        joints: Sequence[str],
+        continuous: Sequence[bool],
+        velocity: Array,
+        effort: Array | None = None,
+    ) -> None:
         self._joints = tuple(joints)
         self.continuous = np.asarray(continuous, dtype=bool)
         self._turns = bool(self.continuous.any())
         # As the bounds of motions do, a velocity limit of 0 counts as none.
         known = np.isfinite(velocity) & (velocity > 0.0)
         self.velocity: Array = np.where(known, velocity, ASSUMED_VELOCITY)
+        self._effort: Array | None = None
+        if effort is not None:
+            self._effort = np.where(np.isfinite(effort), effort, 0.0)
         self.position: Array = np.zeros(len(self._joints))
         self.restarts = 0
         self.ignores_velocity = False
@@ -203,6 +214,7 @@ class JointGate:
     def reset(self) -> None:
         """Forget the motion: the next sample passes."""
         self._track: _Track | None = None
+        self._judges_velocity = False
         self._waiting: JointSample | None = None
         self._run: list[tuple[float, Array]] = []  # consistent refused samples: first and last
         self._run_samples = 0
@@ -212,9 +224,11 @@ class JointGate:
     @property
     def deviation(self) -> Array:
         """Largest recent deviations (2 n,) from steady motion: of positions, of velocities."""
-        found = np.zeros(2 * len(self._joints))
+        n = len(self._joints)
+        found = np.zeros(2 * n)
         if self._track is not None:
-            found[: len(self._track.deviation)] = self._track.deviation
+            judged = n * (1 + self._judges_velocity)
+            found[:judged] = self._track.deviation[:judged]
         return found
 
     def offer(
@@ -306,7 +320,9 @@ class JointGate:
         margin = np.broadcast_to(bound, after.shape)
         if not (np.abs(after[:n] - before[:n]) <= most * elapsed + margin[:n]).all():
             return False
-        return bool((np.abs(after[n:]) <= np.tile(most, len(after) // n - 1)).all())
+        if not self._judges_velocity:
+            return True
+        return bool((np.abs(after[n : 2 * n]) <= most).all())
 
     def _persist(
         self,
@@ -332,10 +348,16 @@ class JointGate:
         return []
 
     def _values(self, sample: JointSample) -> Array:
-        """Return what is judged of a sample (n,) or (2 n,): positions, and velocities if given."""
-        if sample.velocity is None or self.ignores_velocity:
+        """Return what is judged of a sample (k n,): positions, velocities and efforts if given."""
+        with_velocity = sample.velocity is not None and not self.ignores_velocity
+        with_effort = self._effort is not None and sample.effort is not None
+        if not (with_velocity or with_effort):
             return sample.position
-        return np.concatenate((sample.position, sample.velocity))
+        parts = sample.position, sample.velocity, sample.effort
+        chosen = True, with_velocity, with_effort
+        return np.concatenate(
+            [part for part, each in zip(parts, chosen, strict=True) if each and part is not None]
+        )
 
     def _unwrapped(self, sample: JointSample, track: _Track) -> JointSample:
         """Return the sample with continuous joints in the turn that continues the motion."""
@@ -354,8 +376,11 @@ class JointGate:
                 sample, position=nearest_turns(sample.position, near, self.continuous)
             )
         values = self._values(sample)
-        channels = len(values) // len(self._joints)
-        negligible = NEGLIGIBLE_SHARE * np.tile(self.velocity, channels)
+        self._judges_velocity = sample.velocity is not None and not self.ignores_velocity
+        limits = [self.velocity] * (1 + self._judges_velocity)
+        if self._effort is not None and sample.effort is not None:
+            limits.append(self._effort)
+        negligible = NEGLIGIBLE_SHARE * np.concatenate(limits)
         self._track = _Track(sample.time, values, negligible, len(self._joints))
         self._waiting = None
         self._run.clear()
@@ -377,7 +402,8 @@ class JointGate:
         bound = np.maximum(bound, np.finfo(np.float64).tiny)
         worst = int(np.argmax(np.abs(deviation) / bound))
         n = len(self._joints)
-        what = 'position' if worst < n else 'velocity'
+        judged = ['position', *(['velocity'] if self._judges_velocity else []), 'effort']
+        what = judged[worst // n]
         return InputError(
             'implausible',
             f'{self._joints[worst % n]}: {what} must continue the motion, within '
@@ -386,11 +412,12 @@ class JointGate:
         )
 
 
-def joint_gate(robot: Robot, joints: Sequence[str]) -> JointGate:
+def joint_gate(robot: Robot, joints: Sequence[str], judges_effort: bool = False) -> JointGate:
     """Return the gate of some of a robot's joints."""
     found: list[Joint] = [robot.tree.joints[joint] for joint in joints]
     return JointGate(
         joints,
         [joint.continuous for joint in found],
         np.array([joint.limits.velocity for joint in found]),
+        np.array([joint.limits.effort for joint in found]) if judges_effort else None,
     )

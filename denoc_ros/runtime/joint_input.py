@@ -30,6 +30,8 @@ class JointInput:
         Whether messages may also have joints that the robot does not have.
     rewinds : bool
         As of :class:`VelocityCheck`.
+    judges_effort : bool
+        Whether an effort that does not continue the motion counts as wrong.
     """
 
     def __init__(
@@ -39,10 +41,11 @@ class JointInput:
         bounds: MotionBounds,
         allow_extra: bool,
         rewinds: bool = False,
+        judges_effort: bool = False,
     ) -> None:
         self._reader = JointStateReader(joints, allow_extra, robot.joint_names)
         self._bounds = bounds
-        self._gate = joint_gate(robot, joints)
+        self._gate = joint_gate(robot, joints, judges_effort)
         self._check = VelocityCheck(joints, self._gate.velocity, rewinds)
         self._restarts_reported = 0
 

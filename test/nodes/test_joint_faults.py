@@ -85,17 +85,20 @@ def missing(_message: Any, row: int) -> bool:
     return row != WRONG
 
 
-@pytest.mark.parametrize(('what', 'error'), [('position', 2.0), ('velocity', 50.0)])
+@pytest.mark.parametrize(
+    ('what', 'error', 'source'),
+    [('position', 2.0, 'joints'), ('velocity', 50.0, 'joints'), ('effort', 1e4, 'torque')],
+)
 def test_a_refused_sample_leaves_no_trace(
-    graph: Any, robot_file: Path, run: Run, what: str, error: float
+    graph: Any, robot_file: Path, run: Run, what: str, error: float, source: str
 ) -> None:
     def wrong(message: Any, row: int) -> bool:
         if row == WRONG:
             getattr(message, what)[0] += error
         return True
 
-    found = Estimate(graph, robot_file, run, wrong)
-    expected = Estimate(graph, robot_file, run, missing)
+    found = Estimate(graph, robot_file, run, wrong, source=source)
+    expected = Estimate(graph, robot_file, run, missing, source=source)
     assert found.node.joint_input.rejected == {'implausible': 1}
     peak = np.abs(expected.deflection).max()
     np.testing.assert_allclose(found.deflection, expected.deflection, rtol=0, atol=1e-3 * peak)
