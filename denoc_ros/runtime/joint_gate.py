@@ -7,14 +7,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from denoc_ros.dynamics.robot import Robot
+from denoc_ros.estimation.turns import TURN, nearest_turns
 from denoc_ros.model.tree import Joint
 from denoc_ros.runtime.input_monitor import InputError
 from denoc_ros.types import Array
 
-TURN = 2.0 * math.pi  # rad
 # A deviation of this many times the largest recent one is no part of the motion.
 DEVIATION_FACTOR = 5.0
 DEVIATION_MEMORY_S = 2.0  # A deviation counts as recent for about this time.
@@ -28,46 +27,7 @@ CONFIRMATION_SAMPLES = 3
 # Of a joint without a limit, to tell a fast motion from a jump [rad/s or m/s].
 ASSUMED_VELOCITY = 10.0
 VELOCITY_FACTOR = 2.0  # Joints exceed their velocity limit at most by this factor.
-JUMP_RATIO = 4.0  # A step is a jump if this many times farther from its neighbour without it.
 LONGEST_GAP_S = 0.25  # After a longer pause the motion before says nothing about a sample.
-
-
-def nearest_turns(position: Array, near: Array, continuous: NDArray[np.bool_]) -> Array:
-    """Return positions (..., n), those of continuous joints in the turn nearest to `near`."""
-    turns = np.where(continuous, np.round((near - position) / TURN), 0.0)
-    return np.asarray(position + TURN * turns)
-
-
-def unwrap_path(times: Array, positions: Array, continuous: NDArray[np.bool_]) -> Array:
-    """Return the points of a trajectory without jumps by a turn.
-
-    A step of more than half a turn is a jump if the step before it, or after the first one,
-    explains the step without the turn much better.
-
-    Parameters
-    ----------
-    times : (k,) array
-        s, increasing.
-    positions : (k, n) array
-        rad or m.
-    continuous : (n,) array of bool
-        Whether a turn more or less is the same position.
-    """
-    steps = np.diff(positions, axis=0)
-    places = np.argwhere((np.abs(steps) > 0.5 * TURN) & continuous)
-    if len(positions) < 3 or not len(places):
-        return positions
-    elapsed, jumps = np.diff(times), np.zeros_like(steps)
-    for k, joint in places:
-        other = k - 1 if k else 1
-        rate = (steps[other, joint] - jumps[other, joint]) / elapsed[other]
-        jump = TURN * round(steps[k, joint] / TURN)
-        raw, shifted = steps[k, joint] / elapsed[k], (steps[k, joint] - jump) / elapsed[k]
-        if abs(raw - rate) > JUMP_RATIO * abs(shifted - rate):
-            jumps[k, joint] = jump
-    unwrapped: Array = positions.copy()
-    unwrapped[1:] -= np.cumsum(jumps, axis=0)
-    return unwrapped
 
 
 @dataclass(frozen=True)

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from denoc_ros.bags.cdr import ENCAPSULATION
+from denoc_ros.estimation.turns import unwrap_path
 from denoc_ros.runtime.conversions import LONGEST, MessageReader, joint_map, require_finite
 from denoc_ros.runtime.input_monitor import InputError
-from denoc_ros.runtime.joint_gate import unwrap_path
 from denoc_ros.runtime.motion_bounds import MotionBounds
 from denoc_ros.trajectories import SplineTrajectory
 from denoc_ros.types import Array

@@ -8,14 +8,9 @@ from collections.abc import Iterable
 import numpy as np
 import pytest
 
+from denoc_ros.estimation.turns import nearest_turns, unwrap_path
 from denoc_ros.runtime.input_monitor import InputError, InputMonitor
-from denoc_ros.runtime.joint_gate import (
-    CONFIRMATION_S,
-    JointGate,
-    JointSample,
-    nearest_turns,
-    unwrap_path,
-)
+from denoc_ros.runtime.joint_gate import CONFIRMATION_S, JointGate, JointSample
 from denoc_ros.runtime.velocity_check import VelocityCheck
 from denoc_ros.types import Array
 
