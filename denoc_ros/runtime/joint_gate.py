@@ -63,7 +63,7 @@ class _Track:
         self.time, self.values = time, values
         self.rate, self.deviation = np.zeros((2, len(values)))
         self.count = 1
-        self._interval = math.inf
+        self.interval = math.inf
         self._negligible, self._positions = negligible, positions
 
     def deviations(self, time: float, values: Array) -> tuple[Array, Array]:
@@ -79,7 +79,7 @@ class _Track:
 
     def _spread(self, elapsed: float) -> float:
         """Return how many times larger deviations are after a time [s] than after a period."""
-        return max(1.0, elapsed / self._interval) ** 2
+        return max(1.0, elapsed / self.interval) ** 2
 
     def advance(self, time: float, values: Array) -> None:
         """Take the next sample of the motion."""
@@ -91,12 +91,12 @@ class _Track:
             deviation *= elapsed / self._spread(elapsed)
             self.deviation *= math.exp(-elapsed / DEVIATION_MEMORY_S)
             np.maximum(self.deviation, deviation, out=self.deviation)
-            self._interval += 0.1 * (elapsed - self._interval)
+            self.interval += 0.1 * (elapsed - self.interval)
             # The slope over a short interval is mostly the noise of stamps.
-            change *= min(1.0, elapsed / self._interval)
+            change *= min(1.0, elapsed / self.interval)
             self.rate += change
         else:
-            self.rate, self._interval = change, elapsed
+            self.rate, self.interval = change, elapsed
         self.time, self.values = time, values
         self.count += 1
 
@@ -277,6 +277,9 @@ class JointGate:
         """Say whether the joints can go from one state to another in a time [s]."""
         n = len(self._joints)
         most = VELOCITY_FACTOR * self.velocity
+        if self._track is not None and math.isfinite(self._track.interval):
+            # Late messages may come at once, and have the time of their arrival.
+            elapsed = max(elapsed, self._track.interval)
         margin = np.broadcast_to(bound, after.shape)
         if not (np.abs(after[:n] - before[:n]) <= most * elapsed + margin[:n]).all():
             return False

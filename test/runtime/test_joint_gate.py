@@ -118,6 +118,21 @@ def test_motions_as_sensors_measure_them_pass() -> None:
         assert gate.waits <= 3
 
 
+def test_messages_that_come_late_and_at_once_pass() -> None:
+    position, _ = motion()
+    place = np.arange(len(position))
+    late = place % 60 < 12  # They come when the last of them is there.
+    times = np.where(late, (place // 60 * 60 + 12) * STEP + 2e-5 * (place % 60), TIMES)
+    given = [
+        JointSample(float(t), np.array([q])) for t, q in zip(times, position, strict=True) if t
+    ]
+    gate = Gate()
+    passed = gate.pass_all(given)
+    assert not any(each.restarts for each in passed)
+    assert len(gate.refused) <= 2
+    assert len(passed) >= len(given) - 2
+
+
 def test_a_start_at_once_passes_whole_one_sample_late() -> None:
     position = 3.0 * np.maximum(TIMES - 1.0, 0.0)
     gate = Gate()
