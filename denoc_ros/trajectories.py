@@ -189,7 +189,8 @@ class SplineTrajectory(Trajectory):
     ) -> None:
         times, q = np.asarray(times, float), np.asarray(positions, float)
         qd, qdd, initial_rate = velocities, accelerations, np.zeros(q.shape[1])
-        if times[0] > 0.0:
+        begins_in_motion = times[0] > 0.0
+        if begins_in_motion:
             first = start or (q[0], np.zeros(q.shape[1]), np.zeros(q.shape[1]))
             times, q = np.concatenate(([0.0], times)), np.vstack((first[0], q))
             qd = None if qd is None else np.vstack((first[1], qd))
@@ -202,6 +203,8 @@ class SplineTrajectory(Trajectory):
             qd = _spline_rates(times, q, initial_rate)
         if qdd is None:
             qdd = _knot_accelerations(times, q, qd)
+            if begins_in_motion and start is not None:
+                qdd[0] = start[2]
         self._times: Array = np.array(times, dtype=np.float64)
         self._pieces = _quintics(times, q, qd, qdd)
         rates = np.zeros_like(self._pieces)

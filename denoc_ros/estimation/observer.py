@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -32,6 +32,14 @@ BaseAt = Callable[[float], BaseMotion | None]
 # A longer gap [s] is not integrated over: the observer goes on from the measurement instead.
 LONGEST_GAP = 0.25
 MOST_STEPS = 250  # between two measurements, however far apart
+
+
+@dataclass(frozen=True)
+class MeasuredState:
+    """An observer's state at a measurement."""
+
+    stamp: float
+    rows: tuple[Array, ...]
 
 
 class Observer:
@@ -162,6 +170,25 @@ class Observer:
         self.time = math.nan
         self._stamp = math.nan
         self._tau[:] = 0.0
+
+    @property
+    def stamp(self) -> float:
+        """Time of the last measurement [s]; NaN before the first."""
+        return self._stamp
+
+    def measured_state(self) -> MeasuredState | None:
+        """Return the state to `rewind` to; None if sensors or hidden springs have states too."""
+        if self.fusion is not None or self.springs.hidden or not self.started:
+            return None
+        rows = self._q, self._qd, self._tau, self._filter.state
+        return MeasuredState(self._stamp, tuple(row.copy() for row in rows))
+
+    def rewind(self, state: MeasuredState) -> None:
+        """Go back to the state at an earlier measurement."""
+        self.time = self._stamp = state.stamp
+        rows = self._q, self._qd, self._tau, self._filter.state
+        for row, before in zip(rows, state.rows, strict=True):
+            row[:] = before
 
     @property
     def started(self) -> bool:
@@ -317,6 +344,19 @@ class Observer:
         raise_step_status(robot, status, q, qd, given, self._tau)
         qdd[robot.joint_indices] = wanted
         return qdd
+
+    def joint_torque(self) -> Array:
+        """Return the torques (joints,) that the motion takes at the last measurement [N m, N]."""
+        q, qd = self._q, self._qd
+        qdd = self._accelerate(self.robot, self._stamp, q, qd)
+        torque = self.robot.inverse_dynamics(q, qd, qdd, check=False)
+        return np.asarray(torque[self._joints])
+
+    @property
+    def judges_effort(self) -> bool:
+        """Whether `joint_torque` is what measured efforts are."""
+        sides = self.springs.hidden or self.settings.motor_effort or self._floating.floats
+        return self.motion.plain and self.fusion is None and not sides
 
     def sensor_values(self, robot: Robot) -> Array:
         """Return the values (sensors,) that the model expects of sensors on beams at `time`.

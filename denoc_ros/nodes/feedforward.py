@@ -22,12 +22,13 @@ from denoc_ros.nodes.robot_node import RobotNode
 from denoc_ros.nodes.sensor_inputs import BaseInput
 from denoc_ros.nodes.torque import BaseWrench, ImpedanceOutput, TorqueFeedback, TorqueOutput
 from denoc_ros.runtime.clocks import StampOf
-from denoc_ros.runtime.conversions import JointStateReader
 from denoc_ros.runtime.feedforward_parameters import TABLE
 from denoc_ros.runtime.input_monitor import InputError, InputMonitor
+from denoc_ros.runtime.joint_gate import JointSample, joint_gate
+from denoc_ros.runtime.joint_input import JointInput
 from denoc_ros.runtime.motion_bounds import limits_of, motion_bounds
 from denoc_ros.runtime.parameters import Settings
-from denoc_ros.runtime.reference import FiniteDifferencer, ReferenceFollower
+from denoc_ros.runtime.reference import FiniteDifferencer, reference_follower
 from denoc_ros.runtime.status import Status
 from denoc_ros.runtime.timing import PLACE, PhaseLock
 from denoc_ros.runtime.torque import (
@@ -98,9 +99,11 @@ class FeedforwardNode(RobotNode):
         self.q, self.qd, self.qdd, self._posture = np.zeros((4, n))
         gap = settings.number('reference_timeout')
         self.bounds = motion_bounds(self.robot, self.joints, settings)
-        self.follower = ReferenceFollower(n, gap, self.bounds)
+        posture = self.posture(self.robot, settings)
+        self.follower = reference_follower(self.robot, self.joints, gap, self.bounds, posture)
         cutoff = settings.number('acceleration_cutoff')
         self.stream = FiniteDifferencer(n, gap, cutoff, self.bounds)
+        self.stream_gate = joint_gate(self.robot, self.joints)
         self.output = TorqueOutput(
             self,
             self.joints,
@@ -113,11 +116,8 @@ class FeedforwardNode(RobotNode):
         self.wrench = None
         if self.floating is not None and self.flies:  # thrusters hold it
             self.wrench = BaseWrench(self, self.floating.robot(settings.family(*FAMILIES)))
-        self._reader = JointStateReader(
-            self.joints,
-            settings.flag('allow_extra_joints'),
-            self.robot.joint_names,
-            self.bounds,
+        self.motion = JointInput(
+            self.robot, self.joints, self.bounds, settings.flag('allow_extra_joints')
         )
         self.torque = LiveTorque(self._build(self.robot, settings), self.in_hurry)
         self._has_loops = bool(self.robot.tree.loops)
@@ -215,23 +215,26 @@ class FeedforwardNode(RobotNode):
         if self.follower.given:
             self.feedback.state.watch(self.follower, self.q)
         elif self.joint_input.received:
-            self.feedback.state.watch(self.follower, self._reader.position)
+            self.feedback.state.watch(self.follower, self.motion.position)
 
     # ---- inputs: what is stored here, the tick consumes
 
     def _on_joint_state(self, raw: bytes, now: float) -> None:
-        reader = self._reader
-        reader.read(raw, partial(self.joint_input.accept, now=now))
-        self.feedback.take_joints(reader, now)
+        for each in self.motion.take(raw, now, self.joint_input, self.refuse):
+            self._take_joints(each)
+
+    def _take_joints(self, sample: JointSample) -> None:
+        """Take measured joints: for the feedback, the loop's phase, and as reference."""
+        now, stamp_ns = sample.arrival, sample.stamp_ns
+        self.feedback.take_joints(sample)
         if self.phase is not None:
             wall = 1e-9 * self.stamp_ns_at(now)
-            self.phase.take(self._joint_clock.taken_at(1e-9 * reader.stamp_ns, now, wall))
+            self.phase.take(self._joint_clock.taken_at(1e-9 * stamp_ns, now, wall))
         if not self.from_joints:
             return
-        velocity = reader.velocity if reader.has_velocity else None
-        point = self.stream.complete(1e-9 * reader.stamp_ns, reader.position, velocity, None)
+        point = self.stream.complete(1e-9 * stamp_ns, sample.position, sample.velocity, None)
         if self.by_message:
-            self._answer(reader.stamp_ns, *point)
+            self._answer(stamp_ns, *point)
         else:
             self.follower.offer_point(now, *point)
 
@@ -245,12 +248,22 @@ class FeedforwardNode(RobotNode):
                 f'got {len(message.times)} points',
             )
         if not self.by_message:
-            there = self._reader.position if self.joint_input.received else None
+            there = self.motion.position if self.joint_input.received else None
             self.offer(self.follower, message, self.reference_input, now, there)
             return
         self.reference_input.accept(message.stamp_ns, now)
-        point = self.stream.complete(1e-9 * message.stamp_ns, *message.first)
-        self._answer(message.stamp_ns, *point)
+        sample = JointSample(
+            1e-9 * message.stamp_ns, *message.first, stamp_ns=message.stamp_ns, arrival=now
+        )
+        passed = [sample]
+        if sample.velocity is None:  # Its rates are differences of positions.
+            near = self.motion.position if self.joint_input.received else None
+            refuse = partial(self.refuse, self.reference_input)
+            passed = self.stream_gate.offer(sample, refuse, near)
+            self.reference_input.revise(len(passed))
+        for each in passed:
+            motion = each.position, each.velocity, each.acceleration
+            self._answer(each.stamp_ns, *self.stream.complete(each.time, *motion))
 
     def _answer(self, stamp_ns: int, q: Any, qd: Any, qdd: Any) -> None:
         """Publish the torque of one message's state, with its stamp."""
@@ -294,6 +307,8 @@ class FeedforwardNode(RobotNode):
         self._last_update = -math.inf
         self._look_due = -math.inf
         self._joint_clock.reset()
+        self.motion.reset()
+        self.stream_gate.reset()
         if self.phase is not None:
             self.phase.forget()
         self.carrying.hurry()
@@ -410,7 +425,7 @@ class FeedforwardNode(RobotNode):
         """Find the torque that holds the robot; say whether it is known."""
         measured = self.joint_input.received
         if measured:
-            self._posture[:] = self._reader.position
+            self._posture[:] = self.motion.position
         elif self.follower.given or self.by_message:
             self._posture[:] = self.q
         else:  # after a reset: what was known still carries it
@@ -497,6 +512,8 @@ class FeedforwardNode(RobotNode):
         if self.is_configured:
             self.follower.clear()
             self.between_ticks(self.torque.reset)
+            self.between_ticks(self.motion.reset)
+            self.between_ticks(self.stream_gate.reset)
             self._message_time = None
         self.forget_stamps()
         return 'reset: waiting for a reference'
@@ -548,7 +565,7 @@ class FeedforwardNode(RobotNode):
         if self.phase is not None:
             more['synchronous'] = self.phase.is_steady
         status = self._said.status(self._cause, self.limiter, self.torque.failures, more)
-        return [status, *self.feedback.statuses()]
+        return [status, self.motion.status(), *self.feedback.statuses()]
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

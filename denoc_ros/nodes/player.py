@@ -29,6 +29,7 @@ from denoc_ros.bags.joint_state import JointStateMessage
 from denoc_ros.bags.reader import bag_contents, read_raw
 from denoc_ros.bags.series import elapsed, read_joint_states
 from denoc_ros.errors import BagError, DenocError
+from denoc_ros.estimation.turns import unwrap_path
 from denoc_ros.nodes.guarded_node import WithoutEvents, leave_graph
 from denoc_ros.nodes.inputs import stamp_reader
 from denoc_ros.nodes.messages import EVERY_MESSAGE, LATCHED, TrajectoryPointMessage, message_class
@@ -77,8 +78,8 @@ def read_motion(path: str | Path, topic: str = '/joint_states') -> RecordedMotio
     -----
     Accelerations are the derivative of the cubic spline (not-a-knot) through the recorded
     velocities over their stamps; velocities that were not recorded are the derivative of the same
-    kind of spline through the positions. A message whose stamp is not later than the one before
-    it is left out.
+    kind of spline through the positions, without jumps by a turn. A message whose stamp is not
+    later than the one before it is left out.
     """
     series = read_joint_states(path, topic)
     rows = series.rising().complete()
@@ -87,7 +88,9 @@ def read_motion(path: str | Path, topic: str = '/joint_states') -> RecordedMotio
             f'{path}: {topic} must have at least 4 messages with all joints, got {len(rows.t)}'
         )
     t = elapsed(rows.stamp_ns)
-    position, velocity = rows.position, rows.velocity
+    # Without a robot any joint may be continuous: a step that is one turn too long is a turn.
+    any_joint = np.ones(len(rows.names), dtype=bool)
+    position, velocity = unwrap_path(t, rows.position, any_joint), rows.velocity
     if not np.isfinite(velocity).all():
         velocity = CubicSpline(t, position)(t, 1)
     acceleration = CubicSpline(t, velocity)(t, 1)

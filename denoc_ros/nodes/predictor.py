@@ -21,6 +21,7 @@ from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import ConfigError, SolverError, StateError
 from denoc_ros.estimation.clock import StampClock
 from denoc_ros.estimation.observer import Observer
+from denoc_ros.estimation.observer_history import ObserverHistory
 from denoc_ros.estimation.parameter_tracker import ParameterTracker
 from denoc_ros.kernels.compiled import ready
 from denoc_ros.kernels.rotation import write_quaternion
@@ -32,12 +33,15 @@ from denoc_ros.nodes.robot_node import RobotNode
 from denoc_ros.nodes.sensor_inputs import SEARCH_PERIOD, BaseInput, SensorInputs
 from denoc_ros.runtime.clocks import StampOf
 from denoc_ros.runtime.conversions import JointStateReader
+from denoc_ros.runtime.effort_check import EffortGuard, effort_guard
+from denoc_ros.runtime.joint_input import JointInput
 from denoc_ros.runtime.live_observer import Adaptation, build_observer, fusion_status, is_observers
 from denoc_ros.runtime.message_numbers import MessageFiller, Numbers
 from denoc_ros.runtime.motion_bounds import limits_of, motion_bounds
 from denoc_ros.runtime.parameters import Settings
 from denoc_ros.runtime.predictor_parameters import TABLE
-from denoc_ros.runtime.reference import ReferenceFollower
+from denoc_ros.runtime.reference import reference_follower
+from denoc_ros.runtime.remaining_error import RemainingError, Restart
 from denoc_ros.runtime.status import WARN, Status
 from denoc_ros.runtime.trajectory_messages import has_many_points, read_trajectory
 from denoc_ros.types import Array
@@ -194,23 +198,35 @@ class PredictorNode(RobotNode):
             )
         self.base.build(robot.gravity)
         self.observer = self._build(robot, settings)
+        self.efforts = self._guard(robot, settings)
         self.adaptation = self._adaptation(robot, settings)
         self._model_failures = 0
-        self._queue: deque[Measurement] = deque(maxlen=QUEUE)
+        # A number is a time [s] from which on all is measured once more.
+        self._queue: deque[Measurement | float] = deque(maxlen=QUEUE)
+        self._history, self._remaining = ObserverHistory(), RemainingError()
         self._stamps = StampClock()
         self._now = float('nan')
         self.bounds = motion_bounds(robot, self.joints, settings)
-        self.follower = ReferenceFollower(
-            len(self.joints), settings.number('reference_timeout'), self.bounds
+        self.follower = reference_follower(
+            robot,
+            self.joints,
+            settings.number('reference_timeout'),
+            self.bounds,
+            self.posture(robot, settings),
         )
         self._wanted = np.zeros((3, len(self.joints)))
-        self._reader = JointStateReader(
-            self.joints, settings.flag('allow_extra_joints'), robot.joint_names, self.bounds
-        )
         self._effort_reader = JointStateReader(self.joints)
         self.by_torque = settings.text('source') == 'torque'
         self.by_command = settings.text('effort_source') == 'commanded'
         self._takes_effort = self.by_torque and not self.by_command
+        self.motion = JointInput(
+            robot,
+            self.joints,
+            self.bounds,
+            settings.flag('allow_extra_joints'),
+            rewinds=True,
+            judges_effort=self._takes_effort,
+        )
         self.base_frame = next(f for f, place in robot.tree.frames.items() if place.body < 0)
         self.outputs = PredictorOutputs(
             self,
@@ -233,6 +249,10 @@ class PredictorNode(RobotNode):
         if self.base.used:
             observer.base = self.base.at
         return observer
+
+    def _guard(self, robot: Robot, settings: Settings) -> EffortGuard:
+        posture = self.posture(robot, settings)
+        return effort_guard(robot, settings, self.period, self.joints, posture)
 
     def _adaptation(self, robot: Robot, settings: Settings) -> Adaptation:
         name = self.get_fully_qualified_name()
@@ -265,15 +285,19 @@ class PredictorNode(RobotNode):
     # ---- inputs: what is stored here, the tick consumes
 
     def _on_joint_state(self, raw: bytes, now: float) -> None:
-        reader = self._reader
-        reader.read(raw, partial(self.joint_input.accept, now=now), self._takes_effort)
-        taken = self._stamps.taken_at(1e-9 * reader.stamp_ns, now, 1e-9 * self.stamp_ns_at(now))
-        velocity = reader.velocity if reader.has_velocity else None
-        effort = reader.effort if reader.has_effort else None
-        if self.by_command:
-            fresh = self.effort_input.age(now) <= self.settings.number('joint_state_timeout')
-            effort = self._effort_reader.effort if fresh else None
-        self._queue.append((taken, reader.position, velocity, effort))
+        samples = self.motion.take(raw, now, self.joint_input, self.refuse, self._takes_effort)
+        for each in samples:
+            arrival = each.arrival
+            wall = 1e-9 * self.stamp_ns_at(arrival)
+            taken = self._stamps.taken_at(1e-9 * each.stamp_ns, arrival, wall)
+            effort = each.effort
+            if self.by_command:
+                fresh = self.effort_input.age(now) <= self.settings.number('joint_state_timeout')
+                effort = self._effort_reader.effort if fresh else None
+            if each.restarts:
+                self._queue.clear()
+                self._queue.append(taken)
+            self._queue.append((taken, each.position, each.velocity, effort))
 
     def _on_effort(self, raw: bytes, now: float) -> None:
         reader = self._effort_reader
@@ -283,7 +307,7 @@ class PredictorNode(RobotNode):
 
     def _on_reference(self, raw: bytes, now: float) -> None:
         message = read_trajectory(raw, self.joints, self.bounds, partial=True)
-        there = self._reader.position if self.joint_input.received else None
+        there = self.motion.position if self.joint_input.received else None
         self.offer(self.follower, message, self.reference_input, now, there)
 
     def _reference(self, t: float) -> tuple[Array, Array, Array]:
@@ -302,6 +326,10 @@ class PredictorNode(RobotNode):
     def begin(self) -> None:
         """Start anew from the next measurement."""
         self._queue.clear()
+        self._history.clear()
+        self._remaining.restart = None
+        self.efforts.reset()
+        self.motion.reset()
         self.sensors.queue.clear()
         self._stamps.reset()
         self.base.begin()
@@ -350,11 +378,33 @@ class PredictorNode(RobotNode):
         if len(queue) > 1 and not self.clock.is_simulated:
             end = time.thread_time() + min(steps, MOST_STEPS) * self.period
         while queue:
-            taken, q, qd, effort = queue.popleft()
-            observer.measure(taken, q, qd, effort if self._takes_effort else None)
+            measurement = queue.popleft()
+            if isinstance(measurement, float):
+                self._rewind(observer, measurement)
+                adaptation.reset(values=False)
+                # A measurement that waits for the next tick would be too late for it.
+                end = math.inf
+                continue
+            taken, q, qd, effort = measurement
+            restarts = observer.restarts
+            self.efforts.measure(observer, taken, q, qd, effort)
             adaptation.measure(taken, q, qd, effort)
+            self._history.add(observer)
+            if observer.restarts != restarts:  # It kept its state over a gap.
+                self._note_restart(observer, taken, kept=True)
             if queue and time.thread_time() > end:
                 return
+
+    def _rewind(self, observer: Observer, time: float) -> None:
+        """Bring the observer back to before a time [s], else reset it."""
+        if observer.started and not self._history.rewind(observer, time):
+            self._note_restart(observer, time, kept=False)
+            observer.reset()
+        self.efforts.follow(observer)
+
+    def _note_restart(self, observer: Observer, time: float, kept: bool) -> None:
+        """Note a break in the estimate at a time [s], to warn of the vibration that it lost."""
+        self._remaining.restart = Restart(time, (observer.q.copy(), observer.qd.copy()), kept)
 
     def rescue(self) -> bool:
         """Start anew from the next measurement: better no estimate than a wrong one."""
@@ -397,9 +447,14 @@ class PredictorNode(RobotNode):
         self.follower.clear()
         super().restart()
 
-    def _swap(self, robot: Robot, observer: Observer, adaptation: Adaptation) -> None:
+    def _swap(
+        self, robot: Robot, observer: Observer, adaptation: Adaptation, efforts: EffortGuard
+    ) -> None:
         """Go on with a changed model where the one before is."""
+        self._history.clear()
         observer.adopt(self.observer)
+        efforts.follow(observer)
+        self.efforts = efforts
         adaptation.adopt(self.adaptation)
         self.robot, self.observer, self.adaptation = robot, observer, adaptation
         self.outputs.attach(observer, robot.pose_of(self.tip))
@@ -407,6 +462,9 @@ class PredictorNode(RobotNode):
 
     def _start_anew(self) -> None:
         """Forget the estimate and the numbers found."""
+        self._history.clear()
+        self.efforts.reset()
+        self._remaining.restart = None
         self.observer.reset()
         self.adaptation.reset(values=True)
 
@@ -428,6 +486,7 @@ class PredictorNode(RobotNode):
         if self.is_configured:
             self.follower.clear()
             self._stamps.reset()
+            self.between_ticks(self.motion.reset)
             self.between_ticks(self._start_anew)
         self.forget_stamps()
         return 'reset: starts from the next joint state'
@@ -457,7 +516,8 @@ class PredictorNode(RobotNode):
         observer, adaptation = self._build(robot, settings), self._adaptation(robot, settings)
         self._lines = CentreLines(robot.copy())
         self.bounds.update(limits_of(robot, self.joints))
-        self.between_ticks(self._swap, robot, observer, adaptation)
+        efforts = self._guard(robot, settings)
+        self.between_ticks(self._swap, robot, observer, adaptation, efforts)
 
     # ---- diagnostics
 
@@ -480,7 +540,12 @@ class PredictorNode(RobotNode):
             status.worsen(WARN, 'stale joint_states: nothing is published')
         fused = None if observer.fusion is None else fusion_status(observer.fusion, self._now)
         beside = (fused, self.adaptation.status())
-        return [status, *(each for each in beside if each is not None)]
+        joints = self.motion.status()
+        if reason := self.efforts.reason:
+            joints.worsen(WARN, f'{reason}; the estimate uses positions and velocities only')
+        if self._remaining.restart is not None:
+            self._remaining.warn(joints, self.robot.copy(), self._now)
+        return [status, joints, *(each for each in beside if each is not None)]
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

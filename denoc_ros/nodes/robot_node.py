@@ -373,7 +373,9 @@ class RobotNode(ModelNode):
         """
         stamp_ns = message.stamp_ns or None  # 0 starts now, whatever was sent before
         accept = partial(monitor.accept, stamp_ns, now)
-        follower.offer(message, now, self.stamp_ns_at(now), there, accept)
+        refuse = partial(self.refuse, monitor)
+        count = follower.offer(message, now, self.stamp_ns_at(now), there, accept, refuse)
+        monitor.revise(count)
 
     def per_joint(self, name: str, settings: Settings) -> Array:
         """Return a parameter of each driven joint (n,), given as one value or one per joint.

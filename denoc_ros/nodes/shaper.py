@@ -31,8 +31,8 @@ from denoc_ros.nodes.messages import (
 from denoc_ros.nodes.process import leave, run
 from denoc_ros.nodes.robot_node import RobotNode
 from denoc_ros.runtime.clocks import StampOf
-from denoc_ros.runtime.conversions import JointStateReader
 from denoc_ros.runtime.input_monitor import InputError
+from denoc_ros.runtime.joint_input import JointInput
 from denoc_ros.runtime.motion_bounds import motion_bounds
 from denoc_ros.runtime.motion_planning import (
     MotionPlanning,
@@ -45,6 +45,7 @@ from denoc_ros.runtime.motion_planning import (
 )
 from denoc_ros.runtime.parameters import Settings
 from denoc_ros.runtime.planner import Answer
+from denoc_ros.runtime.reference import reference_follower
 from denoc_ros.runtime.shaped_stream import ShapedStream
 from denoc_ros.runtime.shaper_parameters import OF_STREAMS, TABLE
 from denoc_ros.runtime.status import ERROR, WARN, Status
@@ -118,13 +119,14 @@ class ShaperNode(RobotNode):
         self._check(settings)
         n = len(self.joints)
         self.bounds = motion_bounds(robot, self.joints, settings)
-        self._reader = JointStateReader(self.joints, True, robot.joint_names, self.bounds)
+        self.motion = JointInput(robot, self.joints, self.bounds, allow_extra=True)
+        stale_after, posture = settings.number('stream_timeout'), self.posture(robot, settings)
         self.stream = ShapedStream(
             n,
             self.period,
-            settings.number('stream_timeout'),
+            stale_after,
             settings.number('stop_time'),
-            self.bounds,
+            reference_follower(robot, self.joints, stale_after, self.bounds, posture),
         )
         self._modes_robot = ringing_robot(robot, settings.text('base'))
         self._point = TrajectoryPointMessage(self.joints)
@@ -162,13 +164,13 @@ class ShaperNode(RobotNode):
     # ---- inputs
 
     def _on_joint_state(self, raw: bytes, now: float) -> None:
-        self._reader.read(raw, lambda stamp_ns: self.joint_input.accept(stamp_ns, now))
+        self.motion.take(raw, now, self.joint_input, self.refuse)
 
     def _where(self) -> Array | None:
         """Return the joint positions (joints,), None if they are unknown."""
         if self._known is not None:
             return self._known
-        return self._reader.position.copy() if self.joint_input.received else None
+        return self.motion.position.copy() if self.joint_input.received else None
 
     def _on_input(self, raw: bytes, now: float) -> None:
         if self.state != 'active':
@@ -481,6 +483,8 @@ class ShaperNode(RobotNode):
         with self._lock:
             if not self.stream.active and self._left(self.clock.now()) == 0.0:
                 self._forget()
+        if self.is_configured:
+            self.between_ticks(self.motion.reset)
         self.forget_stamps()
         return 'reset: waiting for a motion'
 

@@ -26,7 +26,7 @@ from denoc_ros.nodes.messages import (
 )
 from denoc_ros.nodes.robot_node import RobotNode
 from denoc_ros.nodes.sensor_inputs import SEARCH_PERIOD, SensorInputs
-from denoc_ros.runtime.conversions import JointStateReader
+from denoc_ros.runtime.joint_gate import JointSample
 from denoc_ros.runtime.live_state_feedback import LiveStateFeedback
 from denoc_ros.runtime.message_numbers import MessageFiller, Numbers
 from denoc_ros.runtime.parameters import Settings
@@ -96,12 +96,16 @@ class TorqueFeedback:
         """Whether there is a feedback, or one that fades."""
         return self._strain.wanted or self.state.wanted
 
-    def take_joints(self, reader: JointStateReader, now: float) -> None:
-        """Take the joint states that have arrived at a time of the steady clock [s]."""
-        if self.state.wanted:
-            velocity = reader.velocity if reader.has_velocity else None
-            wall = 1e-9 * self._node.stamp_ns_at(now)
-            self.state.take_joints(1e-9 * reader.stamp_ns, now, wall, reader.position, velocity)
+    def take_joints(self, sample: JointSample) -> None:
+        """Take measured joints."""
+        if not self.state.wanted:
+            return
+        if sample.restarts:
+            self.state.begin()
+        wall = 1e-9 * self._node.stamp_ns_at(sample.arrival)
+        self.state.take_joints(
+            1e-9 * sample.stamp_ns, sample.arrival, wall, sample.position, sample.velocity
+        )
 
     @property
     def busy(self) -> bool:

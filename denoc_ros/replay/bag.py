@@ -215,7 +215,8 @@ class _Work:
         self._settings = settings
         self._progress = progress
         self._passes = 2 if settings.fit_friction else 1
-        self._stream = JointStream(self.plan.source, settings.derivative, settings.cutoff)
+        turns = [robot.tree.joints[joint].continuous for joint in self.plan.joints]
+        self._stream = JointStream(self.plan.source, settings.derivative, settings.cutoff, turns)
         self._origin_ns = -1
         self._read_base(bag, floats)
         self._robot = robot

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +14,7 @@ from denoc_ros.bags.reader import Stamp
 from denoc_ros.bags.series import JointSeries, Series, joint_state_blocks
 from denoc_ros.errors import BagError
 from denoc_ros.estimation.joint_motion import SmoothedMotion, settling, smooth
+from denoc_ros.estimation.turns import unwrap_path
 from denoc_ros.types import Array, Flags, Stamps
 
 MOTION = ('q', 'qd', 'qdd')
@@ -60,6 +61,10 @@ class JointStream:
         Of the smoothing, as `estimation.joint_motion.smooth`; cutoffs beyond a fifth of the
         sampling rate are lowered to that.
 
+    continuous : sequence of bool, optional
+        Whether a turn more or less of a joint is the same position; default of none. Their
+        positions lose jumps by a turn.
+
     Attributes
     ----------
     period : float
@@ -76,8 +81,11 @@ class JointStream:
         When there are no two joint states to go by, or the bag cannot be read.
     """
 
-    def __init__(self, source: Source, method: str, cutoff: float) -> None:
+    def __init__(
+        self, source: Source, method: str, cutoff: float, continuous: Sequence[bool] = ()
+    ) -> None:
         self.source = source
+        self._continuous = np.array(continuous or [False] * len(source.joints), dtype=bool)
         self.method = method
         self.cutoff = cutoff
         self.period = np.nan
@@ -87,6 +95,7 @@ class JointStream:
         """Yield the blocks."""
         self.incomplete = self.repeated = 0
         self._last = -1
+        self._latest: JointSeries | None = None
         rows: JointSeries | None = None
         beside: dict[str, JointSeries] = {}
         done, margin = 0, 0
@@ -132,7 +141,17 @@ class JointStream:
         self.repeated += len(whole.t) - len(rising.t)
         if len(rising.t):
             self._last = int(rising.stamp_ns[-1])
-        return rising
+        return self._unwrapped(rising) if self._continuous.any() else rising
+
+    def _unwrapped(self, rows: JointSeries) -> JointSeries:
+        """Return the rows without jumps by a turn, among them and after the rows before."""
+        whole = rows if self._latest is None else self._latest.followed_by(rows)
+        if not len(whole.t):
+            return rows
+        times = whole.since(int(whole.stamp_ns[0])).t
+        whole = replace(whole, position=unwrap_path(times, whole.position, self._continuous))
+        self._latest = whole[-2:]
+        return whole[len(whole.t) - len(rows.t) :]
 
     def _block(
         self, rows: JointSeries, first: int, last: int, beside: Mapping[str, JointSeries]

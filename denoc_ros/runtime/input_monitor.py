@@ -128,7 +128,7 @@ class InputMonitor:
         self.last_message = ''
         self.max_publishers = max_publishers
         self._last_stamp: int | None = None
-        self._last_time = -math.inf
+        self._last_time = self._time_before = -math.inf
 
     def check_publishers(self, count: int) -> None:
         """Refuse all messages while too many publishers are active: the right one is unknown."""
@@ -153,8 +153,14 @@ class InputMonitor:
         elif last is not None and stamp_ns <= last:
             self._require_new(stamp_ns, last)
         self._last_stamp = stamp_ns
-        self._last_time = now
+        self._time_before, self._last_time = self._last_time, now
         self.accepted += 1
+
+    def revise(self, passed: int) -> None:
+        """Count the messages that a gate lets pass with the last one: none, it or more."""
+        self.accepted += passed - 1
+        if not passed:
+            self._last_time = self._time_before
 
     def _require_new(self, stamp_ns: int, last: int) -> None:
         """Refuse a stamp that is not later than the last one; 0 may come again."""
@@ -185,4 +191,4 @@ class InputMonitor:
     def reset(self) -> None:
         """Forget the last stamp and its time (not the counts)."""
         self._last_stamp = None
-        self._last_time = -math.inf
+        self._last_time = self._time_before = -math.inf

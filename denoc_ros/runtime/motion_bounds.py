@@ -34,9 +34,13 @@ class MotionBounds:
         Largest position of any joint [rad or m].
     factor : float
         How many times a velocity limit a rate may be.
+    continuous : sequence of bool, optional
+        Whether a turn more or less of a joint is the same position; default of none.
 
     Attributes
     ----------
+    continuous : (joints,) array of bool
+        As given.
     table : (4, joints) array
         Least and largest position, least and largest velocity.
     """
@@ -48,8 +52,10 @@ class MotionBounds:
         margin: float,
         farthest: float,
         factor: float,
+        continuous: Sequence[bool] = (),
     ) -> None:
         self._joints = tuple(joints)
+        self.continuous = np.array(continuous or [False] * len(joints), dtype=bool)
         self._options = margin, farthest, factor
         self.update(limits)
 
@@ -175,4 +181,19 @@ def motion_bounds(robot: Robot, joints: Sequence[str], settings: Settings) -> Mo
         settings.number('position_margin'),
         settings.number('position_limit'),
         settings.number('velocity_factor'),
+        [robot.tree.joints[joint].continuous for joint in joints],
     )
+
+
+def largest_accelerations(robot: Robot, joints: Sequence[str], posture: Array) -> Array:
+    """Return the accelerations (joints,) by the effort limits alone, in a posture (n,).
+
+    A joint without an effort limit has an infinite one.
+    """
+    inertia = np.diagonal(robot.inertia_matrix(posture))[robot.joint_indices]
+    inertia = inertia[[robot.joint_names.index(joint) for joint in joints]]
+    effort = np.array([limits.effort for limits in limits_of(robot, joints)])
+    found: Array = np.full(len(effort), np.inf)
+    known = np.isfinite(effort) & (effort > 0.0) & (inertia > 0.0)
+    np.divide(effort, inertia, out=found, where=known)
+    return found

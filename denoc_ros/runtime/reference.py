@@ -4,25 +4,32 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from denoc_ros.control.braking import brake
+from denoc_ros.dynamics.robot import Robot
 from denoc_ros.kernels.compiled import ready
 from denoc_ros.kernels.spline import sample_quintics
 from denoc_ros.runtime.input_monitor import InputError
-from denoc_ros.runtime.motion_bounds import MotionBounds
+from denoc_ros.runtime.joint_gate import JointGate, JointSample, joint_gate
+from denoc_ros.runtime.motion_bounds import MotionBounds, largest_accelerations
 from denoc_ros.runtime.trajectory_messages import TrajectoryMessage
 from denoc_ros.trajectories import SplineTrajectory
 from denoc_ros.types import Array
 
 MOST_COMING = 64  # trajectories that wait for their start
+OWN_RATES = 2.0  # A trajectory is joined at most so many times faster than it goes itself.
 BRAKING, BRAKING_STEP = 0.3, 0.01  # s from a cancel to rest, and between knots of that
 
 
 class FiniteDifferencer:
-    """Rates of streamed points by backward differences.
+    """Rates of streamed points by backward differences, with bounded accelerations.
+
+    Where points without rates ask for more than the largest accelerations, as after a jump, the
+    motion goes to them as fast as these allow.
 
     Parameters
     ----------
@@ -32,41 +39,87 @@ class FiniteDifferencer:
         Hz of the first-order low pass on differenced accelerations, infinite for none.
     bounds : MotionBounds, optional
         What the joints can have; default everything.
+    acceleration : (n,) array, optional
+        Largest accelerations [rad/s^2 or m/s^2], infinite, as by default, where not known.
     """
 
     def __init__(
-        self, joints: int, gap: float, cutoff: float = math.inf, bounds: MotionBounds | None = None
+        self,
+        joints: int,
+        gap: float,
+        cutoff: float = math.inf,
+        bounds: MotionBounds | None = None,
+        acceleration: Array | None = None,
     ) -> None:
         self._bounds = bounds
         self._gap = gap
         self._cutoff = cutoff
+        largest = np.full(joints, np.inf) if acceleration is None else acceleration
+        self._limited = np.isfinite(largest)
+        self._largest = np.where(self._limited, largest, 0.0)
         self._time = -math.inf
+        self._given: Array = np.zeros(joints)  # position of the last point
         self._q: Array = np.zeros(joints)
         self._qd: Array = np.zeros(joints)
         self._qdd: Array = np.zeros(joints)
         self.interval = 0.0
 
     def complete(
-        self, time: float, q: Array, qd: Array | None, qdd: Array | None
+        self,
+        time: float,
+        q: Array,
+        qd: Array | None,
+        qdd: Array | None,
+        present: tuple[Array, Array] | None = None,
     ) -> tuple[Array, Array, Array]:
         """Return position, velocity and acceleration (n,) of a point at `time` [s].
+
+        Parameters
+        ----------
+        present : pair of (n,) arrays, optional
+            Position and rate at the time of a point that does not continue the points before.
 
         Raises
         ------
         InputError
             Cause `out_of_range`: points too far apart for so short a time; it is not taken.
         """
-        step = time - self._time
-        near = 0.0 < step <= self._gap
-        if qd is None:
-            qd = (q - self._q) / step if near else np.zeros_like(q)
+        step, given = time - self._time, q
+        near = 0.0 < step <= self._gap and present is None
+        if qd is None and near:
+            q, qd = self._approach(q, step)
+        elif qd is None and present is not None:
+            q = np.where(self._limited, present[0], q)
+            qd = np.where(self._limited, present[1], 0.0)
+        elif qd is None:
+            qd = np.zeros_like(q)
         if qdd is None:
             qdd = self._filtered((qd - self._qd) / step, step) if near else np.zeros_like(q)
         if self._bounds is not None and near:
             self._bounds.require_rates(qd, qdd)
         self.interval = step if near else 0.0
-        self._time, self._q, self._qd, self._qdd = time, q, qd, qdd
+        self._time, self._given, self._q, self._qd, self._qdd = time, given, q, qd, qdd
         return q, qd, qdd
+
+    def _approach(self, q: Array, step: float) -> tuple[Array, Array]:
+        """Return position and rate (n,) on the way to a point (n,) after a step [s].
+
+        Notes
+        -----
+        The distance beyond the point's own step is closed at the rate from which the largest
+        acceleration stops in discrete steps: v + a h / 2 = sqrt((a h / 2)^2 + 2 a e).
+        """
+        free, largest = ~self._limited, self._largest
+        rate = (q - self._given) / step
+        distance = q - self._q - rate * step
+        change = largest * step
+        fastest = np.sqrt(0.25 * change * change + 2.0 * largest * np.abs(distance))
+        closing = np.minimum(np.abs(distance) / step, fastest - 0.5 * change)
+        wanted = rate + np.copysign(closing, distance)
+        qd = np.where(free, rate, np.clip(wanted, self._qd - change, self._qd + change))
+        # A point that is reached has its position without rounding.
+        reached = (qd == wanted) & (np.abs(distance) <= closing * step * (1.0 + 1e-9))
+        return np.where(free | reached, q, self._q + step * qd), qd
 
     def _filtered(self, qdd: Array, step: float) -> Array:
         if self._cutoff == math.inf:
@@ -86,14 +139,24 @@ class ReferenceFollower:
 
     Parameters
     ----------
-    joints, gap, bounds
+    joints, gap, bounds, acceleration
         As of :class:`FiniteDifferencer`.
+    gate : JointGate, optional
+        It refuses streamed points that contradict the motion; default none.
     """
 
-    def __init__(self, joints: int, gap: float, bounds: MotionBounds | None = None) -> None:
+    def __init__(
+        self,
+        joints: int,
+        gap: float,
+        bounds: MotionBounds | None = None,
+        gate: JointGate | None = None,
+        acceleration: Array | None = None,
+    ) -> None:
         self._joints = joints
         self._lock = threading.Lock()
-        self._stream = FiniteDifferencer(joints, gap, bounds=bounds)
+        self._gate = gate
+        self._stream = FiniteDifferencer(joints, gap, math.inf, bounds, acceleration)
         self._now: SplineTrajectory | None = None
         self._now_start = 0.0
         self._coming: list[tuple[SplineTrajectory, float]] = []  # by their starts
@@ -141,6 +204,12 @@ class ReferenceFollower:
         with self._lock:
             self._now = self._point = None
             self._coming.clear()
+            self._forget_stream()
+
+    def _forget_stream(self) -> None:
+        """Judge the next streamed point by itself."""
+        if self._gate is not None:
+            self._gate.reset()
 
     def forget_begun(self, now: float) -> None:
         """Forget motions that have begun by steady `now` [s]; a trajectory still to come stays."""
@@ -156,8 +225,9 @@ class ReferenceFollower:
         now_ns: int,
         measured: Array | None = None,
         admit: Callable[[], None] = lambda: None,
-    ) -> None:
-        """Take a message.
+        refuse: Callable[[InputError], None] = lambda error: None,
+    ) -> int:
+        """Take a message; return how many count from now on: 0 if a point waits for the next.
 
         Parameters
         ----------
@@ -168,6 +238,8 @@ class ReferenceFollower:
             if nothing was followed before.
         admit : callable, optional
             Called when the message is good, before it counts; may raise InputError.
+        refuse : callable, optional
+            Takes the refusal of a streamed point that waited.
 
         Raises
         ------
@@ -185,26 +257,83 @@ class ReferenceFollower:
         admit()
         if message.is_cancel:
             self._stop(now)
-            return
+            return 1
         if message.is_streamed:
-            time = 1e-9 * message.stamp_ns if message.stamp_ns else now
-            self.offer_point(now, *self._stream.complete(time, *message.first))
-            return
-        first = None
-        if message.times[0] > 0.0 and (self.given or measured is not None):
-            q, qd, qdd = np.zeros((3, message.positions.shape[1]))
+            return self._offer_streamed(message, now, measured, refuse)
+        trajectory, begin = self._joined(message, begin, now, measured, held)
+        with self._lock:
+            self._forget_stream()
+            self._coming = [each for each in self._coming if each[1] < begin]
+            self._coming.append((trajectory, begin))
+        return 1
+
+    def _offer_streamed(
+        self,
+        message: TrajectoryMessage,
+        now: float,
+        measured: Array | None,
+        refuse: Callable[[InputError], None],
+    ) -> int:
+        """Take a streamed point; return how many points pass with it."""
+        time = 1e-9 * message.stamp_ns if message.stamp_ns else now
+        sample = JointSample(time, *message.first)
+        passed = [sample]
+        q, qd, qdd = np.zeros((3, self._joints))
+        if self._gate is not None:
             with self._lock:
-                going = self._plan(begin, q, qd, qdd)
+                near = q if self._evaluate(now, q, qd, qdd) else measured
+                passed = self._gate.offer(sample, refuse, near)
+                if not passed:  # The motion goes on until the next point.
+                    self._horizon = 2.0 * self._stream.interval
+        for each in passed:
+            motion = each.position, each.velocity, each.acceleration
+            present = (q, qd) if each.restarts else None
+            point = self._stream.complete(each.time, *motion, present)
+            self.offer_point(now, *point)
+        return len(passed)
+
+    def _joined(
+        self,
+        message: TrajectoryMessage,
+        begin: float,
+        now: float,
+        measured: Array | None,
+        held: list[int],
+    ) -> tuple[SplineTrajectory, float]:
+        """Return a trajectory that continues the reference, and its start [s].
+
+        Parameters
+        ----------
+        begin : float
+            Time of the trajectory's time 0 [s].
+        held : list of int
+            Places of joints that the message does not name.
+        """
+        positions, q, qd, qdd = message.positions, *np.zeros((3, self._joints))
+
+        def reference_at(moment: float) -> bool:
+            with self._lock:
+                going = self._plan(moment, q, qd, qdd)
             if not going and measured is not None:
                 q[:] = measured
             qd[held] = qdd[held] = 0.0
+            return going
+
+        going = reference_at(max(begin, now))
+        known = going or measured is not None
+        if self._gate is not None and known:
+            offset = self._gate.begin_path(float(message.times[0]), positions[0], q)
+            message = replace(message, positions=positions + offset)
+        if going and message.velocities is None:
+            joined = _join(message, max(0.0, now - begin), (q, qd, qdd))
+            if joined is not None:
+                return joined, max(begin, now)
+        first = None
+        if known and message.times[0] > 0.0:
+            reference_at(begin)
             first = q, qd, qdd
-        trajectory = SplineTrajectory(
-            message.times, message.positions, message.velocities, message.accelerations, first
-        )
-        with self._lock:
-            self._coming = [each for each in self._coming if each[1] < begin]
-            self._coming.append((trajectory, begin))
+        times, rates, changes = message.times, message.velocities, message.accelerations
+        return SplineTrajectory(times, message.positions, rates, changes, first), begin
 
     def _whole(
         self, message: TrajectoryMessage, moment: float, measured: Array | None
@@ -297,3 +426,71 @@ class ReferenceFollower:
         q *= h
         q += position
         qdd[:] = acceleration
+
+
+def _join(
+    message: TrajectoryMessage, late: float, state: tuple[Array, Array, Array]
+) -> SplineTrajectory | None:
+    """Return the rest of a trajectory without rates, from the present state on.
+
+    None for one that begins later, or that is not on the way: then the state would have to go to
+    the next point faster than the trajectory goes from point to point.
+
+    Parameters
+    ----------
+    late : float
+        How long ago the trajectory's time 0 was [s].
+    state : (n,) arrays
+        Position, velocity, acceleration of the reference now.
+    """
+    times, positions, accelerations = message.times, message.positions, message.accelerations
+    if len(times) < 2 or not (late > 0.0 or times[0] == 0.0):
+        return None
+    # To a point that is too near, the smallest distance would take a large rate.
+    rest = times > late + 0.5 * float(np.median(np.diff(times)))
+    if not rest.any():
+        return None
+    q, qd, _ = state
+    rate = (positions[rest][0] - q) / (times[rest][0] - late)
+    steps = np.diff(positions, axis=0) / np.diff(times)[:, None]
+    if (np.abs(rate) > np.abs(qd) + OWN_RATES * np.abs(steps).max(axis=0)).any():
+        return None
+    rest &= times >= late + _joining_time(message, late, q, steps)
+    rest[-1] = True
+    changes = None if accelerations is None else accelerations[rest]
+    return SplineTrajectory(times[rest] - late, positions[rest], None, changes, state)
+
+
+def _joining_time(message: TrajectoryMessage, late: float, q: Array, steps: Array) -> float:
+    """Return how long it takes to join a trajectory, with accelerations like its own [s].
+
+    Parameters
+    ----------
+    steps : (k - 1, n) array
+        Mean velocities between the points.
+    """
+    times = message.times
+    if late < times[0] or len(times) < 3:
+        return 0.0
+    there = [np.interp(late, times, column) for column in message.positions.T]
+    bends = np.abs(np.diff(steps, axis=0)) / (0.5 * (times[2:] - times[:-2]))[:, None]
+    # A cubic that closes a distance d in a time T begins with the acceleration 6 d / T^2.
+    wanted, own = 6.0 * np.abs(q - there), bends.max(axis=0)
+    times_squared = np.divide(wanted, own, out=np.zeros_like(own), where=own > 0.0)
+    return float(np.sqrt(times_squared.max()))
+
+
+def reference_follower(
+    robot: Robot, joints: Sequence[str], gap: float, bounds: MotionBounds, posture: Array
+) -> ReferenceFollower:
+    """Return the follower of a reference of some of a robot's joints.
+
+    Parameters
+    ----------
+    gap, bounds
+        As of :class:`ReferenceFollower`.
+    posture : (n,) array
+        In which effort limits are taken as limits of accelerations.
+    """
+    largest = largest_accelerations(robot, joints, posture)
+    return ReferenceFollower(len(joints), gap, bounds, joint_gate(robot, joints), largest)

@@ -7,7 +7,6 @@ import numpy as np
 from denoc_ros.control.ringing import RingingModes
 from denoc_ros.control.servo import JointServo
 from denoc_ros.control.stream_shaper import StreamShaper
-from denoc_ros.runtime.motion_bounds import MotionBounds
 from denoc_ros.runtime.reference import ReferenceFollower
 from denoc_ros.types import Array
 
@@ -24,6 +23,8 @@ class ShapedStream:
         s between ticks.
     stale_after, stop_time : float
         s without points after which the joints brake, and for how long.
+    follower : ReferenceFollower, optional
+        It takes the points; default one of all points.
 
     Attributes
     ----------
@@ -37,11 +38,11 @@ class ShapedStream:
         period: float,
         stale_after: float,
         stop_time: float,
-        bounds: MotionBounds | None = None,
+        follower: ReferenceFollower | None = None,
     ) -> None:
         self._period = period
         self._stale_after, self._stop_time = stale_after, stop_time
-        self.follower = ReferenceFollower(joints, stale_after, bounds)
+        self.follower = follower or ReferenceFollower(joints, stale_after)
         self._shaper: StreamShaper | None = None
         self._servo: JointServo | None = None
         self._q, self._qd, self._qdd = np.zeros((3, joints))

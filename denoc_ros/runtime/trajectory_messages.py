@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from denoc_ros.bags.cdr import ENCAPSULATION
+from denoc_ros.estimation.turns import unwrap_path
 from denoc_ros.runtime.conversions import LONGEST, MessageReader, joint_map, require_finite
 from denoc_ros.runtime.input_monitor import InputError
 from denoc_ros.runtime.motion_bounds import MotionBounds
@@ -74,6 +75,8 @@ def read_trajectory(
     ----------
     joints : sequence of str
         The node's n joints.
+    bounds : MotionBounds, optional
+        What the joints can have; its continuous joints lose jumps by a turn.
     partial : bool
         Whether it may name some of them only, or have no points.
 
@@ -109,6 +112,7 @@ def read_trajectory(
     held = tuple(k for k, name in enumerate(joints) if named and name not in names)
     if bounds is not None:
         chosen = [k for k in range(len(joints)) if k not in held]
+        found[0] = unwrap_path(times, found[0], bounds.continuous[chosen])
         bounds.require_points(times, found[0], found[1], found[2], chosen)
     positions, velocities, accelerations, effort = (_spread(each, held) for each in found)
     assert positions is not None

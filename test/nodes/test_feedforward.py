@@ -77,6 +77,27 @@ def test_one_answer_per_message_with_its_stamp(bench: Any) -> None:
     arm.until(lambda: arm.node.reference_input.rejected['not_streamed'] == 1)
 
 
+def test_one_wrong_position_leaves_no_trace_in_the_answers(bench: Any) -> None:
+    arm = bench(trigger='message', model='flexible')
+    count, wrong = 250, 150
+    answers = []
+    for error in (0.3, math.nan):  # A wrong point, and none.
+        arm.effort.clear()
+        for k in range(count):
+            swing = 0.2 * (1.0 - math.cos(4.0 * 0.004 * k))
+            message = JointTrajectory(joint_names=JOINTS)
+            message.points = [point(0.0, [swing, -swing + (error if k == wrong else 0.0)])]
+            stamp(message, 4_000_000 * (k + 1))
+            if k != wrong or math.isfinite(error):
+                arm.reference.publish(message)
+                arm.graph.executor.spin_once(0.001)
+        arm.until(lambda: len(arm.effort) == count - 1)
+        answers.append(np.array([message.effort for message in arm.effort]))
+        arm.call(Trigger, 'reset', Trigger.Request())
+    np.testing.assert_allclose(answers[0], answers[1], rtol=0, atol=1e-3 * np.abs(answers).max())
+    assert arm.node.reference_input.rejected == {'implausible': 1}
+
+
 def test_measured_motion_can_be_the_reference(bench: Any) -> None:
     arm = bench(trigger='message', reference_source='joint_states', acceleration_cutoff=1e6)
     for k in range(50):

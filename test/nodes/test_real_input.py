@@ -13,7 +13,9 @@ import pytest
 from data_files import UR10_BAG
 from sensor_msgs.msg import JointState
 
+from denoc_ros.bags.joint_state import JOINT_STATE
 from denoc_ros.bags.reader import read_bag
+from denoc_ros.bags.writer import BagWriter
 from denoc_ros.nodes.feedforward import FeedforwardNode
 from denoc_ros.nodes.player import read_motion
 
@@ -81,3 +83,16 @@ def test_accelerations_are_the_derivative_of_the_recorded_velocities() -> None:
     assert np.abs(mean - differences).max() < 0.5 * spread
     correlation = np.corrcoef(mean.ravel(), differences.ravel())[0, 1]
     assert correlation > 0.95
+
+
+def test_recorded_positions_that_wrap_have_the_rates_of_the_motion(tmp_path: Path) -> None:
+    t = 0.01 * np.arange(300)
+    turning = 5.0 * t
+    with BagWriter(tmp_path / 'turns.mcap') as bag:
+        bag.add_topic('/joint_states', JOINT_STATE)
+        for stamp, q in zip(t, (turning + np.pi) % (2.0 * np.pi) - np.pi, strict=True):
+            stamp_ns = 10**9 + round(1e9 * stamp)
+            bag.write_message('/joint_states', stamp_ns, name=['swing'], position=[q])
+    motion = read_motion(tmp_path / 'turns.mcap')
+    np.testing.assert_allclose(motion.position[:, 0], turning, atol=1e-9)
+    np.testing.assert_allclose(motion.velocity, 5.0, atol=1e-6)

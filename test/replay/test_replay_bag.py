@@ -240,6 +240,23 @@ def test_a_jump_and_a_gap_begin_a_new_motion(tmp_path: Path) -> None:
     assert np.abs(block.motion.qdd).max() < 1.1
 
 
+@pytest.mark.parametrize('rows', [37, 5000])
+def test_turns_of_continuous_joints_change_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, rows: int
+) -> None:
+    monkeypatch.setattr(stream_module, 'ROWS', rows)
+    t = np.arange(800, dtype=np.float64) * 0.005
+    q = np.stack([5.0 * t, np.cos(t)], axis=1)
+    turn = 2.0 * np.pi
+    wrapped = (q + np.pi) % turn - np.pi
+    path = write_joints(tmp_path / 'a.mcap', t, {'position': wrapped}, ['a', 'b'])
+    source = source_of(path, ('a', 'b'))
+    block = collected(JointStream(source, 'filter', 20.0, [True, False]))
+    assert np.flatnonzero(block.starts).tolist() == [0]
+    np.testing.assert_allclose(block.motion.q, q, atol=1e-4)
+    np.testing.assert_allclose(block.motion.qd[5:-5, 0], 5.0, atol=1e-6)
+
+
 def test_messages_that_say_nothing_are_left_out_and_counted(tmp_path: Path) -> None:
     t = np.arange(100, dtype=np.float64) * 0.01
     t[50] = t[49]

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
 import pytest
 
 from denoc_ros.runtime.input_monitor import InputError
+from denoc_ros.runtime.joint_gate import JointGate
 from denoc_ros.runtime.reference import FiniteDifferencer, ReferenceFollower
 from denoc_ros.runtime.trajectory_messages import TrajectoryMessage
+from denoc_ros.types import Array
 
 NOW_NS = 1_000_000_000_000
 
@@ -195,3 +198,127 @@ def test_differenced_accelerations_pass_the_low_pass() -> None:
     assert values[0] == 0.0
     assert 0.0 < values[1] < 50.0  # of the unfiltered 1000
     assert 0.0 < values[2] < values[1]
+
+
+def streamed_motion(
+    positions: Array, times: Array, limit: float = math.inf
+) -> tuple[ReferenceFollower, Array, list[InputError]]:
+    """Stream points without rates; return the follower, its motion at each, what it refuses.
+
+    A position of NaN is no point at all.
+    """
+    gate = JointGate(['swing'], [True], np.array([10.0]))
+    follower = ReferenceFollower(1, 0.2, gate=gate, acceleration=np.array([limit]))
+    refused: list[InputError] = []
+    rows = []
+    for t, q in zip(times, positions, strict=True):
+        if not math.isnan(q):
+            message = TrajectoryMessage(0, np.zeros(1), np.array([[q]]), None, None)
+            follower.offer(message, t, NOW_NS, refuse=refused.append)
+        rows.append(at(follower, t))
+    return follower, np.array(rows), refused
+
+
+TIMES = np.arange(0.0, 2.0, 0.004)
+SWING = 2.4 + 1.5 * (1.0 - np.cos(2.0 * TIMES))
+
+
+def test_a_stream_that_wraps_is_the_motion_that_does_not() -> None:
+    wrapped = (SWING + math.pi) % (2.0 * math.pi) - math.pi
+    assert np.abs(np.diff(wrapped)).max() > 6.0
+    _, expected, _ = streamed_motion(SWING, TIMES)
+    _, found, refused = streamed_motion(wrapped, TIMES)
+    assert not refused
+    np.testing.assert_allclose(found, expected, atol=1e-7)
+
+
+@pytest.mark.parametrize('error', [0.3, -2.0, 0.01])
+def test_one_wrong_streamed_point_is_one_that_did_not_come(error: float) -> None:
+    place = 250
+    wrong, missing = SWING.copy(), SWING.copy()
+    wrong[place] += error
+    missing[place] = math.nan
+    _, expected, _ = streamed_motion(missing, TIMES)
+    _, found, refused = streamed_motion(wrong, TIMES)
+    assert [each.cause for each in refused] == ['implausible']
+    np.testing.assert_array_equal(found[place + 1 :], expected[place + 1 :])
+    # The motion goes on in the meantime.
+    np.testing.assert_allclose(found[place, 0], SWING[place], atol=1e-4)
+
+
+def test_a_stream_that_jumps_is_reached_with_a_bounded_acceleration() -> None:
+    limit, jump = 20.0, 0.5
+    positions = np.where(TIMES < 0.5, 1.0, 1.0 + jump)
+    _, motion, _ = streamed_motion(positions, TIMES, limit)
+    q, qd, qdd = motion.T
+    assert np.abs(qdd).max() <= limit * (1.0 + 1e-9)
+    assert np.abs(np.diff(q)).max() <= np.abs(qd).max() * 0.004 * (1.0 + 1e-9)
+    assert q.max() <= 1.0 + jump + 1e-4
+    reached = q[np.searchsorted(TIMES, 0.6 + 2.5 * math.sqrt(jump / limit))]
+    assert reached == pytest.approx(1.5, abs=1e-3)
+    assert motion[-1] == pytest.approx([1.5, 0.0, 0.0], abs=1e-9)
+
+
+def test_a_stream_within_the_bound_is_differenced_exactly() -> None:
+    _, free, _ = streamed_motion(SWING, TIMES)
+    _, bounded, _ = streamed_motion(SWING, TIMES, 50.0)
+    np.testing.assert_allclose(bounded[3:], free[3:], rtol=0, atol=1e-7)
+
+
+def sine(t: Any) -> Any:
+    return 0.6 * np.sin(1.3 * np.asarray(t))
+
+
+@pytest.mark.parametrize(
+    ('first', 'late'), [(0.0, 0.0), (0.05, 0.0), (0.0, 0.13)], ids=['now', 'later', 'stamped']
+)
+def test_a_trajectory_that_replaces_another_goes_on_from_its_state(
+    first: float, late: float
+) -> None:
+    """`late`: a policy needs time, and stamps its points by when it began."""
+    follower = ReferenceFollower(1, 0.2)
+    times: Array = first + 0.05 * np.arange(16.0)
+    jumps = []
+    for k in range(8):
+        now = 10.0 + 0.4 * k
+        before = at(follower, now) if k else None
+        message = TrajectoryMessage(
+            NOW_NS - round(1e9 * late) if late else 0,
+            times,
+            sine(now - late - 10.0 + times)[:, None],
+            None,
+            None,
+        )
+        follower.offer(message, now, NOW_NS)
+        if before is not None:
+            jumps.append(np.subtract(at(follower, now), before))
+        if k > 2:
+            t = np.linspace(now, now + 0.39, 40)
+            q = np.array([at(follower, each)[0] for each in t])
+            np.testing.assert_allclose(q, sine(t - 10.0), atol=1e-4)
+    np.testing.assert_allclose(jumps, 0.0, atol=1e-9)
+
+
+def test_a_trajectory_that_comes_late_is_joined_with_accelerations_like_its_own() -> None:
+    follower = ReferenceFollower(1, 0.2)
+    times: Array = 0.05 * np.arange(16.0)
+    for k in range(8):
+        now = 10.0 + 0.4 * k + 0.02 * (k % 2)  # without a stamp: all points move with it
+        points = sine(0.4 * k + times)[:, None]
+        follower.offer(TrajectoryMessage(0, times, points, None, None), now, NOW_NS)
+        if k:
+            moments = np.linspace(now, now + 0.35, 100)
+            changes = [abs(at(follower, float(t))[2]) for t in moments]
+            assert max(changes) < 3.0 * 0.6 * 1.3**2
+
+
+def test_a_trajectory_begins_in_the_turn_of_the_joints() -> None:
+    gate = JointGate(['swing'], [True], np.array([10.0]))
+    turn = 2.0 * math.pi
+    for first, position in ((0.0, 0.5 - turn), (0.05, 0.51 + turn)):
+        follower = ReferenceFollower(1, 0.2, gate=gate)
+        path = trajectory([first, first + 1.0], [position, position + 0.2])
+        follower.offer(path, 10.0, NOW_NS, np.array([0.5]))
+        assert at(follower, 12.0)[0] == pytest.approx((position + 0.2) % turn)
+    follower.offer(trajectory([3.0], [0.5 + 2.0 * turn]), 20.0, NOW_NS, np.array([0.5]))
+    assert at(follower, 23.0)[0] == pytest.approx(0.5 + 2.0 * turn)  # turns that are wanted
