@@ -32,12 +32,19 @@ from denoc_ros.nodes.robot_node import RobotNode
 from denoc_ros.nodes.sensor_inputs import SEARCH_PERIOD, BaseInput, SensorInputs
 from denoc_ros.runtime.clocks import StampOf
 from denoc_ros.runtime.conversions import JointStateReader
-from denoc_ros.runtime.live_observer import Adaptation, build_observer, fusion_status, is_observers
+from denoc_ros.runtime.live_observer import (
+    Adaptation,
+    accepted_values,
+    build_observer,
+    fusion_status,
+    is_observers,
+)
 from denoc_ros.runtime.message_numbers import MessageFiller, Numbers
 from denoc_ros.runtime.motion_bounds import limits_of, motion_bounds
 from denoc_ros.runtime.parameters import Settings
 from denoc_ros.runtime.predictor_parameters import TABLE
 from denoc_ros.runtime.reference import ReferenceFollower
+from denoc_ros.runtime.restarts import Restarts
 from denoc_ros.runtime.status import WARN, Status
 from denoc_ros.runtime.trajectory_messages import has_many_points, read_trajectory
 from denoc_ros.types import Array
@@ -195,7 +202,8 @@ class PredictorNode(RobotNode):
         self.base.build(robot.gravity)
         self.observer = self._build(robot, settings)
         self.adaptation = self._adaptation(robot, settings)
-        self._model_failures = 0
+        self.restarts = Restarts(self.observer.bounds)
+        self._counted = _starts_in_doubt(self.observer)
         self._queue: deque[Measurement] = deque(maxlen=QUEUE)
         self._stamps = StampClock()
         self._now = float('nan')
@@ -306,6 +314,7 @@ class PredictorNode(RobotNode):
         self._stamps.reset()
         self.base.begin()
         self.observer.reset()
+        self.restarts.clear()
         self.adaptation.reset(values=False)
         self._now = self.clock.now()
         self._stamp_of = StampOf(self.clock)
@@ -319,12 +328,11 @@ class PredictorNode(RobotNode):
         else:
             self._now += steps * self.observer.settings.step
         observer = self.observer
-        if self.base.used and self.base.trouble(
-            self._now
-        ):  # without the base's motion there is no estimate
+        if self.base.used and (trouble := self.base.trouble(self._now)):
+            # Without the base's motion there is no estimate.
             self._queue.clear()
             self.sensors.queue.clear()
-            observer.reset()
+            self._start_again(trouble)
             return
         try:
             self._measure(observer, steps)
@@ -334,15 +342,27 @@ class PredictorNode(RobotNode):
                 self.adaptation.sense(*value)
             self.adaptation.apply(observer)
             observer.tick(self._now)
+            if (starts := _starts_in_doubt(observer)) != self._counted:
+                self._counted = starts
+                self._note_restart('a gap in joint_states, or no equilibrium where they begin')
             if observer.is_current:
                 self._publish(observer)
             if self.clock.is_simulated and self._now >= self._draw_due:
                 self._draw_due = self._now + self._draw_period
                 self._draw()
-        except (StateError, SolverError):
+        except (StateError, SolverError) as error:
             # the estimate has left all bounds: better none than that
-            self._model_failures += 1
-            observer.reset()
+            self.restarts.note_failure(str(error))
+            self._start_again(str(error))
+
+    def _start_again(self, cause: str) -> None:
+        """Start the estimate again at the next measurement, from equilibrium."""
+        if self.observer.started:
+            self._note_restart(cause)
+        self.observer.reset()
+
+    def _note_restart(self, cause: str) -> None:
+        self.restarts.note_restart(cause, self._now, accepted_values(self.observer))
 
     def _measure(self, observer: Observer, steps: int) -> None:
         """Take measurements in, for the time that has passed at most; the rest waits."""
@@ -358,7 +378,7 @@ class PredictorNode(RobotNode):
 
     def rescue(self) -> bool:
         """Start anew from the next measurement: better no estimate than a wrong one."""
-        self.observer.reset()
+        self._start_again('a tick failed')
         return False
 
     def _publish(self, observer: Observer) -> None:
@@ -370,9 +390,13 @@ class PredictorNode(RobotNode):
         horizon = observer.settings.horizon
         if horizon > 0.0 and outputs.has_listener('tip_deflection_predicted'):
             follow = self._follows(observer.time)
-            q_ahead, qd_ahead = observer.predict(self._reference if follow else None)
-            ahead_ns = stamp_ns + round(1e9 * horizon)
-            outputs.send_ahead(ahead_ns, q_ahead, qd_ahead, observer.deflections)
+            try:
+                q_ahead, qd_ahead = observer.predict(self._reference if follow else None)
+            except StateError as error:  # of a reference that the robot cannot follow
+                self.restarts.note_failure(f'prediction: {error}')
+            else:
+                ahead_ns = stamp_ns + round(1e9 * horizon)
+                outputs.send_ahead(ahead_ns, q_ahead, qd_ahead, observer.deflections)
         if self.sensors.fresh:
             self.sensors.fresh = False
             if outputs.has_listener('sensor_residual'):
@@ -402,12 +426,14 @@ class PredictorNode(RobotNode):
         observer.adopt(self.observer)
         adaptation.adopt(self.adaptation)
         self.robot, self.observer, self.adaptation = robot, observer, adaptation
+        self.restarts.bounds = observer.bounds
         self.outputs.attach(observer, robot.pose_of(self.tip))
         self.sensors.update(robot.tree)
 
     def _start_anew(self) -> None:
         """Forget the estimate and the numbers found."""
         self.observer.reset()
+        self.restarts.clear()
         self.adaptation.reset(values=True)
 
     # ---- beside the loop
@@ -469,7 +495,7 @@ class PredictorNode(RobotNode):
             'late': observer.late,
             'repeated': observer.repeated,
             'restarts': observer.restarts,
-            'model_failures': self._model_failures,
+            'model_failures': self.restarts.failures,
             'sensors_heard': int(np.count_nonzero(np.isfinite(self.sensors.values))),
         }
         if trouble := self.base.trouble(self.clock.now()):
@@ -478,9 +504,16 @@ class PredictorNode(RobotNode):
             status.worsen(WARN, 'no joint_states yet')
         elif observer.stale:
             status.worsen(WARN, 'stale joint_states: nothing is published')
+        values, amplitudes = accepted_values(observer), len(observer.robot.flexible_indices)
+        self.restarts.worsen(status, self._now, values, amplitudes)
         fused = None if observer.fusion is None else fusion_status(observer.fusion, self._now)
         beside = (fused, self.adaptation.status())
         return [status, *(each for each in beside if each is not None)]
+
+
+def _starts_in_doubt(observer: Observer) -> int:
+    """Return how often an observer went on, or started, without knowing the amplitudes."""
+    return observer.restarts + observer.unsettled
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -26,6 +27,7 @@ from gauge_runs import PAYLOAD, ROBOTS, STEP, load, recorded, softer
 from hand_fed import HandFedNode, JointStateView, joint_state_bytes
 
 from denoc_ros.nodes.predictor import PredictorNode
+from denoc_ros.runtime.restarts import Restarts
 from denoc_ros.runtime.status import OK
 from denoc_ros.trajectories import CycloidalTrajectory
 from denoc_ros.types import Array
@@ -74,7 +76,8 @@ class Outcome:
     deflection: Array  # (ticks, 6 links), NaN where nothing left
     pose: Array  # (ticks, 7), NaN likewise
     reports: list[tuple[float, bool, str]]  # time, whether all is OK, all messages
-    refused: int  # messages, by inputs, observer and fusion
+    refused: Counter[str]  # messages of each channel, by input, observer or fusion
+    spoilt: int  # good messages that an input refused
     alarm: str = ''  # what failed
 
     def error(self, truth: Truth, begin: float = 0.0, end: float = END) -> float:
@@ -170,18 +173,24 @@ class PredictorFaults:
         """Run the node over messages in the order of their arrival."""
         bench = bench or self.bench
         node = bench.node
+        # The node's estimate and all that it has counted begin with each run.
         node.observer = node._build(node.robot, node.settings)
+        node.restarts, node._counted = Restarts(node.observer.bounds), 0
         node.outputs.attach(node.observer, node.robot.pose_of(node.tip))
         bench.begin()
         ticks = _tick(END)
         deflection = np.full((ticks, len(node.observer.deflections.names)), np.nan)
         pose = np.full((ticks, 7), np.nan)
         reports: list[tuple[float, bool, str]] = []
+        refused, spoilt = Counter[str](), 0
         place, reported = 0, [_tick(at) - 1 for at in REPORTS]
         for k in range(ticks):
             now = k / RATE
             while place < len(messages) and messages[place].arrival <= now + 1e-9:
-                self._give(bench, messages[place])
+                message, before = messages[place], bench.refused
+                self._give(bench, message)
+                refused[message.channel] += bench.refused - before
+                spoilt += not message.faulty and bench.refused > before
                 place += 1
             bench.tick(now)
             sent = bench.sent
@@ -194,11 +203,11 @@ class PredictorFaults:
                 told = '; '.join(s.message for s in said if s.level != OK)
                 reports.append((now, good, told))
         observer = node.observer
-        refused = bench.refused + observer.late + observer.repeated
+        refused[JOINTS] += observer.late + observer.repeated
         if observer.fusion is not None:
-            for counts in observer.fusion.counts:
-                refused += counts.total() - counts['accepted'] - counts['believed']
-        return Outcome(deflection, pose, reports, refused, node._tick_guard.last)
+            for gauge, counts in zip(observer.fusion.names, observer.fusion.counts, strict=True):
+                refused[gauge] += counts.total() - counts['accepted'] - counts['believed']
+        return Outcome(deflection, pose, reports, refused, spoilt, node._tick_guard.last)
 
     def _give(self, bench: HandFedNode, message: Message) -> None:
         if message.channel == JOINTS:
@@ -242,10 +251,15 @@ class PredictorFaults:
 
         laws = [told('no tick fails', found.alarm)] if found.alarm else []
         laws += [told('possible', detail) for detail in _impossible(found)]
-        singles = [message for message in messages if message.faulty]
         if not set(draw.kinds) & {*SENSOR_KINDS, *JOINT_KINDS}:
             without = self.run([message for message in messages if not message.faulty])
-            if found.refused - without.refused >= len(singles):
+            single = Counter(message.channel for message in messages if message.faulty)
+            refused = all(
+                found.refused[channel] - without.refused[channel] >= count
+                for channel, count in single.items()
+            )
+            # A message that makes the node refuse good ones counts as refused itself.
+            if refused or found.spoilt:
                 detail = _trace(found, without, true, draw.begin)
                 laws += [told('no trace', detail)] if detail else []
         usual = self.normal_error(name, draw.rate)
