@@ -18,8 +18,8 @@ class Restarts:
 
     Parameters
     ----------
-    bounds : StateBounds
-        Of the model, with its period and decay time.
+    bounds : StateBounds or None
+        Of the model, with its period and decay time; None: nothing vibrates in it.
 
     Attributes
     ----------
@@ -27,7 +27,7 @@ class Restarts:
         States that the robot cannot have, and models that could not go on.
     """
 
-    def __init__(self, bounds: StateBounds) -> None:
+    def __init__(self, bounds: StateBounds | None) -> None:
         self.bounds = bounds
         self.failures = 0
         self._failure, self._reported = '', 0
@@ -68,14 +68,12 @@ class Restarts:
         values, amplitudes : int
             Sensors' values that the estimate has taken, of all times; amplitudes of the model.
         """
-        age, decay = max(now - self._begin, 0.0), self.bounds.decay_time
-        corrected = values - self._values >= max(amplitudes, 1)
-        if corrected and age >= self.bounds.longest_period:
-            self.clear()
-        if not self._cause:
+        bounds, age = self.bounds, max(now - self._begin, 0.0)
+        if not self._cause or bounds is None:
             return 0.0
-        share = math.exp(-age / decay) if decay > 0.0 else 0.0
-        if share < SETTLED_SHARE:
+        corrected = values - self._values >= max(amplitudes, 1) and age >= bounds.longest_period
+        share = math.exp(-age / bounds.decay_time) if bounds.decay_time > 0.0 else 0.0
+        if corrected or share < SETTLED_SHARE:
             self.clear()
             return 0.0
         return share
@@ -86,7 +84,7 @@ class Restarts:
         if failed:
             status.worsen(ERROR, f'{self._failure}: not published')
         share = self.missing(now, values, amplitudes)
-        if share > 0.0:
+        if share > 0.0 and self.bounds is not None:
             decay = self.bounds.decay_time
             end = 'until sensors correct it or ~/reset'
             if decay < math.inf:
