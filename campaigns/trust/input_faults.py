@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 import rclpy
+from command_faults import FeedforwardFaults, PlantFaults, ShaperFaults
 from fault_draws import Violation
 from predictor_faults import PredictorFaults
 from rclpy.signals import SignalHandlerOptions
@@ -41,6 +42,9 @@ class NodeFaults(Protocol):
 
 NODES: dict[str, Callable[[Path], NodeFaults]] = {
     'predictor': PredictorFaults,
+    'feedforward': FeedforwardFaults,
+    'shaper': ShaperFaults,
+    'plant': PlantFaults,
 }
 
 

@@ -153,6 +153,7 @@ class PlantNode(RobotNode):
         self._use(simulated)
         self._lost_steps = 0
         self._diverged = self._last_divergence = ''
+        self._tick_time = self.clock.now()
         self._brake = settings.flag('brake')
         self._place()
         self._simulated.tip_deflections(*self._deflection_arrays)

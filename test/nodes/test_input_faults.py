@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import rclpy
 from fault_draws import KINDS, Draw, drawn, good_streams, in_order
-from predictor_faults import END, GAUGES, NAMES, TRUTHS, PredictorFaults, truth
+from predictor_faults import END, SOURCES, TRUTHS, PredictorFaults, truth
 from rclpy.signals import SignalHandlerOptions
 
 pytestmark = pytest.mark.ros
@@ -24,7 +24,7 @@ def predictor(tmp_path_factory: pytest.TempPathFactory) -> Iterator[PredictorFau
 
 
 def test_every_kind_of_fault_is_drawn() -> None:
-    draws = [drawn(seed, GAUGES, len(NAMES)) for seed in range(500)]
+    draws = [drawn(seed, SOURCES) for seed in range(500)]
     assert {kind for draw in draws for kind in draw.kinds} == set(KINDS)
     assert {len(draw.faults) for draw in draws} == {1, 2}
     assert min(draw.rate for draw in draws) == 5.0

@@ -15,7 +15,7 @@ FIRST, LAST = 0.3, 1.2  # s within which faults begin
 FULL_SCALE = 3e-3  # strain at which an amplifier ends
 MICROSTRAIN = 1e6  # a value in another unit, over the right one
 USUAL_RATE = 100.0  # Hz
-RATES = (5.0, 20.0, 50.0, 100.0, 100.0, 100.0, 100.0, 200.0, 1000.0)  # Hz of all channels
+RATES = (5.0, 20.0, 50.0, *(10 * [100.0]), 200.0, 200.0, 1000.0)  # Hz of all channels
 PAIRED = 0.4  # share of draws with two faults
 
 
@@ -91,20 +91,33 @@ TIMING_KINDS = ('repeated', 'reordered', 'late', 'future')
 KINDS = (*SENSOR_KINDS, *JOINT_KINDS, *SINGLE_KINDS, *TIMING_KINDS)
 
 
-def drawn(seed: int, gauges: tuple[str, ...], joints: int) -> Draw:
+@dataclass(frozen=True)
+class Sources:
+    """The channels of a node, and what may happen to them."""
+
+    values: tuple[str, ...]  # channels of plain values, such as gauges
+    moving: tuple[str, ...]  # channels of positions and rates
+    width: int  # values of a message
+    kinds: tuple[str, ...] = KINDS
+    rates: tuple[float, ...] = RATES
+
+
+def drawn(seed: int, sources: Sources) -> Draw:
     """Return the draw of a seed."""
     rng = np.random.default_rng(seed)
     count = 2 if rng.random() < PAIRED else 1
-    kinds = rng.choice(KINDS, count, replace=False).tolist()
-    faults = tuple(_fault(rng, kind, gauges, joints) for kind in kinds)
-    return Draw(seed, float(rng.choice(RATES)), faults)
+    kinds = rng.choice(sources.kinds, count, replace=False).tolist()
+    faults = tuple(_fault(rng, kind, sources) for kind in kinds)
+    return Draw(seed, float(rng.choice(sources.rates)), faults)
 
 
-def _fault(rng: np.random.Generator, kind: str, gauges: tuple[str, ...], joints: int) -> Fault:
-    own, other = rng.permutation(gauges)[:2].tolist()
-    on_joints = kind in (*JOINT_KINDS, 'position_spike', 'velocity_spike')
-    if kind in (*TIMING_KINDS, 'not_finite') and rng.random() < 0.5:
-        on_joints = True
+def _fault(rng: np.random.Generator, kind: str, sources: Sources) -> Fault:
+    own, other = [*rng.permutation(sources.values).tolist(), '', ''][:2]
+    moves = kind in (*JOINT_KINDS, 'position_spike', 'velocity_spike')
+    if kind in (*TIMING_KINDS, 'not_finite') and sources.moving and rng.random() < 0.5:
+        moves = True
+    if moves or not own:
+        own = str(rng.choice(sources.moving))
     sign = float(rng.choice((-1.0, 1.0)))
     size = {
         'gain': lambda: 10.0 ** rng.uniform(-1.0, 1.0),
@@ -123,22 +136,28 @@ def _fault(rng: np.random.Generator, kind: str, gauges: tuple[str, ...], joints:
     }.get(kind, lambda: sign)()
     begin = float(rng.uniform(FIRST, LAST))
     return Fault(
-        kind, JOINTS if on_joints else own, begin, size, other,
-        int(rng.integers(joints)), int(rng.integers(1 << 31)),
+        kind, own, begin, size, other,
+        int(rng.integers(sources.width)), int(rng.integers(1 << 31)),
     )  # fmt: skip
 
 
 # messages ----------------------------------------------------------------------------------------
 
 
-def good_streams(draw: Draw, signals: Signals, noise: Mapping[str, float], end: float) -> Streams:
-    """Return the messages of a run without faults: the joints' with their rates, the gauges'."""
+def good_streams(
+    draw: Draw,
+    signals: Signals,
+    noise: Mapping[str, float],
+    end: float,
+    moving: tuple[str, ...] = (JOINTS,),
+) -> Streams:
+    """Return the messages of a run without faults; signals of `moving` have rates behind."""
     times = np.arange(0.0, end, 1.0 / draw.rate)
     rng = np.random.default_rng(draw.seed + 1)
     streams = {}
     for channel, signal in signals.items():
         values = signal(times)
-        if channel == JOINTS:
+        if channel in moving:
             half = values.shape[1] // 2
             streams[channel] = [
                 Message(channel, t, t, row[:half], row[half:])
@@ -241,7 +260,7 @@ def _message_fault(
     elif fault.kind in SINGLE_KINDS:
         position, velocity = one.position.copy(), one.velocity
         if fault.kind == 'not_finite':
-            position[joint if fault.channel == JOINTS else 0] = fault.size * math.inf
+            position[joint % len(position)] = fault.size * math.inf
         elif fault.kind == 'value_spike':
             position += fault.size * noise[fault.channel]
         elif fault.kind == 'position_spike':

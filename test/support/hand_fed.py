@@ -19,8 +19,8 @@ from denoc_ros.runtime.status import OK, Status, input_status
 from denoc_ros.types import Array
 
 START_NS = 1_000_000_000_000  # stamp of time 0
-# modules of nodes in which outputs are made
-OUTPUTS = ('predictor', 'torque', 'plant', 'sensor_outputs', 'shaper')
+# modules of nodes in which outputs and loops are made
+MODULES = ('robot_node', 'predictor', 'torque', 'plant', 'sensor_outputs', 'shaper')
 
 
 class HandClock(Clock):
@@ -58,8 +58,23 @@ class HandClock(Clock):
         return deadline
 
 
+class HandLoop:
+    """Takes the place of a node's loop: a test calls the ticks."""
+
+    def __init__(self, *_given: Any) -> None:
+        self.deadline = self.shift = 0.0
+        self.running = False
+        self.load = SimpleNamespace(threshold=1.0)
+
+    def start(self) -> None:
+        """Run nothing."""
+
+    def stop(self) -> None:
+        """Run nothing."""
+
+
 class HandFedNode:
-    """A configured node whose time, inputs and ticks are a test's.
+    """An active node whose time, inputs and ticks are a test's.
 
     Attributes
     ----------
@@ -77,11 +92,8 @@ class HandFedNode:
             self.node, self.clock = node, HandClock()
             node.clock = self.clock
             node.trigger_configure()
-            assert node.state == 'inactive', node.failure
-        self.loop = SimpleNamespace(
-            deadline=0.0, running=False, shift=0.0, period=node.period, stop=lambda: None
-        )
-        node.loop = self.loop
+            node.trigger_activate()
+        assert node.state == 'active', node.failure
 
     @contextmanager
     def _kept(self) -> Iterator[None]:
@@ -95,16 +107,17 @@ class HandFedNode:
 
             return publish
 
+        replaced = {
+            'raw_publish': raw_publish,
+            'listeners': lambda _: lambda: 1,
+            'RealtimeLoop': HandLoop,
+        }
         changed = []
-        for name in OUTPUTS:
+        for name in MODULES:
             module = importlib.import_module(f'denoc_ros.nodes.{name}')
-            for function, instead in (
-                ('raw_publish', raw_publish),
-                ('listeners', lambda _: lambda: 1),
-            ):
-                if hasattr(module, function):
-                    changed.append((module, function, getattr(module, function)))
-                    setattr(module, function, instead)
+            for function in replaced.keys() & vars(module).keys():
+                changed.append((module, function, getattr(module, function)))
+                setattr(module, function, replaced[function])
         try:
             yield
         finally:
@@ -114,10 +127,9 @@ class HandFedNode:
     def begin(self) -> None:
         """Begin anew at time 0, with all counts at 0."""
         node = self.node
-        self.clock.moment_now = self.loop.deadline = 0.0
+        self.clock.moment_now = node.loop.deadline = 0.0
         node._reset()
         node.begin()
-        node._tick_time = 0.0
         node.to_log.clear()
         for monitor in node.monitors:
             monitor.reset()
@@ -133,9 +145,9 @@ class HandFedNode:
 
     def tick(self, now: float) -> None:
         """Call the tick of a time [s]; a failure counts as in the loop."""
-        self.clock.moment_now = self.loop.deadline = now
-        self.sent.clear()
         node = self.node
+        self.clock.moment_now = node.loop.deadline = now
+        self.sent.clear()
         if node._changes:
             node._make_changes()
         try:
@@ -158,7 +170,6 @@ class HandFedNode:
         return sum(monitor.rejected.total() for monitor in self.node.monitors)
 
     def close(self) -> None:
-        self.node.loop = None
         self.node.end()
         self.node.destroy_node()
 

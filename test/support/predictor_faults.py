@@ -16,6 +16,7 @@ from fault_draws import (
     Draw,
     Message,
     Signals,
+    Sources,
     Streams,
     Violation,
     drawn,
@@ -46,6 +47,7 @@ MOTIONS = {
     'quick': ((0.3, -0.2, 0.1), 1.5, True),
 }
 TRUTHS = tuple(MOTIONS)
+SOURCES = Sources(GAUGES, (JOINTS,), len(NAMES))
 # bounds of the laws
 DETECTION_S = 1.0  # in which a fault may act before it is found
 CLEAR_SIGMAS = 5.0  # from the truth: what counts as a difference
@@ -234,11 +236,11 @@ class PredictorFaults:
 
     def kinds(self, seed: int) -> tuple[str, ...]:
         """Return the kinds of the faults of a seed."""
-        return drawn(seed, GAUGES, len(NAMES)).kinds
+        return drawn(seed, SOURCES).kinds
 
     def violations(self, seed: int) -> list[Violation]:
         """Return the laws that a draw breaks."""
-        draw = drawn(seed, GAUGES, len(NAMES))
+        draw = drawn(seed, SOURCES)
         name = TRUTHS[seed % len(TRUTHS)]
         true = truth(name)
         good = good_streams(draw, true.signals, true.noise, END)
