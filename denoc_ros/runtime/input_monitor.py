@@ -123,8 +123,10 @@ class InputMonitor:
         self.rejected: Counter[str] = Counter()
         self.last_message = ''
         self.max_publishers = max_publishers
+        self._last_stamp: int | None = None
         self._last_time = -math.inf
-        self._forget_stamps()
+        self._offset = math.inf  # s from the stamp of the fastest message to its arrival
+        self._before_jump = 0  # stamp before a single one from the future; 0: none [ns]
 
     def check_publishers(self, count: int) -> None:
         """Refuse all messages while too many publishers are active: the right one is unknown."""
@@ -197,10 +199,6 @@ class InputMonitor:
 
     def reset(self) -> None:
         """Forget the last stamp and its time (not the counts)."""
-        self._last_time = -math.inf
-        self._forget_stamps()
-
-    def _forget_stamps(self) -> None:
-        self._last_stamp: int | None = None
-        self._offset = math.inf  # s from the stamp of the fastest message to its arrival
-        self._before_jump = 0  # stamp before a single one from the future; 0: none [ns]
+        self._last_stamp = None
+        self._last_time, self._offset = -math.inf, math.inf
+        self._before_jump = 0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from types import SimpleNamespace
@@ -101,7 +102,7 @@ class CommandedNode:
 
     def __init__(self, folder: Path) -> None:
         file = folder / 'arm.urdf'
-        file.write_text(robot_text())
+        file.write_text(re.sub(r' topic="\w*"', '', robot_text()))  # no gauges
         given = {'urdf_path': str(file), 'gravity': [0.0, 0.0, 0.0], 'update_rate': RATE}
         self.bench = HandFedNode(self.make, **given, **self.parameters())
         self._usual: dict[float, Array] = {}

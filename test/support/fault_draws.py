@@ -15,7 +15,8 @@ FIRST, LAST = 0.3, 1.2  # s within which faults begin
 FULL_SCALE = 3e-3  # strain at which an amplifier ends
 MICROSTRAIN = 1e6  # a value in another unit, over the right one
 USUAL_RATE = 100.0  # Hz
-RATES = (5.0, 20.0, 50.0, *(10 * [100.0]), 200.0, 200.0, 1000.0)  # Hz of all channels
+# Hz of all channels; few draws have the highest, which takes the most time
+RATES = (5.0, 20.0, 50.0, *(10 * [100.0]), 200.0, 200.0, 1000.0)
 PAIRED = 0.4  # share of draws with two faults
 
 
@@ -119,7 +120,7 @@ def _fault(rng: np.random.Generator, kind: str, sources: Sources) -> Fault:
     if moves or not own:
         own = str(rng.choice(sources.moving))
     sign = float(rng.choice((-1.0, 1.0)))
-    size = {
+    sizes: dict[str, Callable[[], float]] = {
         'gain': lambda: 10.0 ** rng.uniform(-1.0, 1.0),
         'offset': lambda: sign * 10.0 ** rng.uniform(0.5, 2.5),  # standard deviations
         'drift': lambda: sign * 10.0 ** rng.uniform(0.5, 2.5),  # the same per second
@@ -133,7 +134,8 @@ def _fault(rng: np.random.Generator, kind: str, sources: Sources) -> Fault:
         'late': lambda: rng.uniform(0.05, 0.5),
         'future': lambda: 10.0 ** rng.uniform(-2.0, 2.0),
         'reordered': lambda: rng.uniform(0.015, 0.1),
-    }.get(kind, lambda: sign)()
+    }
+    size = sizes.get(kind, lambda: sign)()
     begin = float(rng.uniform(FIRST, LAST))
     return Fault(
         kind, own, begin, size, other,
