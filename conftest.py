@@ -27,6 +27,7 @@ LONGEST = (
     'test/test_site.py',
     'test/test_docs.py',
     'test/nodes/test_shaper.py',
+    'test/nodes/test_input_faults.py',
     'test/nodes/test_up_simulated.py',
     'test/nodes/test_up_failures.py',
     'test/nodes/test_processes.py',

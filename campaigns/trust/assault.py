@@ -108,7 +108,7 @@ class Assault:
     def _good(self, topic: str, kind: str) -> Any:
         """Return a good message of a topic."""
         if topic == '/strain' and self.stage.scene.gauges:
-            return self.stage.gauges.message(time.time_ns())
+            return self.stage.gauges.message(self.stage.now_ns())
         if topic == '/joint_states' or kind == 'sensor_msgs/msg/JointState':
             return self.stage.state()
         if topic in ('/reference', self.stage.scene.plans_for):
@@ -306,14 +306,14 @@ class Assault:
                 time.sleep(STOPPING)
 
     def _gauges(self, attack: Attack) -> None:
-        """Let the gauges fail for a while; what is fed back must not hear them meanwhile."""
+        """Let the gauges fail for a while; dead ones must not be fed back meanwhile."""
         stage, begin = self.stage, time.perf_counter()
         stage.gauges.fault = attack['what']
-        self._count('feedforward', 'messages', round(FEED * attack['seconds']))
+        self._count(attack['node'], 'messages', round(FEED * attack['seconds']))
         time.sleep(attack['seconds'])
         said = stage.status(FEEDBACK, begin + FALLEN_SILENT + NOTICED)[2]
         stage.gauges.fault = ''
-        if attack['what'] in DEAD and said.get('active') == 'True':
+        if stage.scene.feeds_back and attack['what'] in DEAD and said.get('active') == 'True':
             stage.broken.append(f'feedforward: must not feed dead gauges back, says {said}')
 
     def _rest(self, attack: Attack) -> None:

@@ -22,8 +22,9 @@ WEIGHTS = {
     'end': 4, 'clock': 4, 'description': 4, 'socket': 4, 'files': 3, 'join': 3, 'topics': 3,
     'brake': 4, 'cache': 2,
 }  # fmt: skip
-# where there are gauges, and a shaper
-MORE = {'gauges': 12, 'kill': 5, 'halt': 5, 'endless': 3}
+# where there are gauges; where there is a shaper
+OF_GAUGES = {'gauges': 12}
+OF_SHAPERS = {'kill': 5, 'halt': 5, 'endless': 3}
 SIGNALLING = ('pause', 'end', 'kill', 'halt', 'cache')
 COUNTS, RATES = (1, 3, 20, 100, 400), (0.0, 100.0, 500.0, 2000.0)  # of messages; Hz, 0: at once
 LONGEST = 2.0  # s of messages
@@ -51,6 +52,7 @@ class Inventory:
     parameters: dict[str, dict[str, ParameterValue]]  # as they are to be
     words: list[str]
     has_gauges: bool = False
+    has_shaper: bool = False
 
     @property
     def nodes(self) -> tuple[str, ...]:
@@ -60,7 +62,8 @@ class Inventory:
     @property
     def weights(self) -> dict[str, int]:
         """How often each kind of attack is drawn."""
-        return {**WEIGHTS, **MORE} if self.has_gauges else WEIGHTS
+        of_gauges = OF_GAUGES if self.has_gauges else {}
+        return {**WEIGHTS, **of_gauges, **(OF_SHAPERS if self.has_shaper else {})}
 
 
 def discover(stage: Any) -> Inventory:
@@ -88,8 +91,8 @@ def discover(stage: Any) -> Inventory:
         )
         parameters[node] = dict(zip(names, values.values, strict=True))
         words.update(names)
-    has_gauges = bool(stage.scene.gauges)
-    return Inventory(services, inputs, parameters, sorted(words), has_gauges)
+    has_gauges, has_shaper = bool(stage.scene.gauges), 'shaper' in stage.scene.nodes
+    return Inventory(services, inputs, parameters, sorted(words), has_gauges, has_shaper)
 
 
 def adversary(seed: int, inventory: Inventory, node: str) -> Adversary:
@@ -202,7 +205,8 @@ def draw_attack(rng: np.random.Generator, inventory: Inventory, mortal: tuple[st
     elif kind == 'files':
         attack.update(node='recorder', what=one_of(FILES))
     elif kind == 'gauges':
-        attack.update(node='feedforward', what=one_of(FAULTS), seconds=one_of((0.05, 0.3, 2.5)))
+        node = 'feedforward' if inventory.has_shaper else 'predictor'
+        attack.update(node=node, what=one_of(FAULTS), seconds=one_of((0.05, 0.3, 2.5)))
     elif kind == 'kill':
         # of the feedforward only what designs its gains
         attack.update(node=one_of(('shaper', 'feedforward')), child=bool(rng.random() < 0.5))
@@ -215,7 +219,7 @@ def draw_attack(rng: np.random.Generator, inventory: Inventory, mortal: tuple[st
             node='shaper', seconds=one_of((3e4, 1e6, 2e9)), stop=bool(rng.random() < 0.5)
         )
     elif kind == 'brake':
-        node = one_of(('shaper', 'shaper', 'feedforward') if inventory.has_gauges else
+        node = one_of(('shaper', 'shaper', 'feedforward') if inventory.has_shaper else
                       ('feedforward',))  # fmt: skip
         attack.update(node=node, how=one_of(('stop', 'cancel')), again=bool(rng.random() < 0.5))
         attack['after'] = one_of((0.0, 0.1, 0.4, 0.9))

@@ -207,7 +207,7 @@ class Mending:
         stage, said_at = self.stage, 0.0
         shaped = 'shaper' in stage.scene.nodes
         reset = Reminder(10.0 if shaped else 1.0)  # plans take a while
-        acts = self._feedback() if stage.scene.gauges else lambda: True
+        acts = self._feedback() if stage.scene.feeds_back else lambda: True
 
         def asked_again() -> bool:
             nonlocal said_at

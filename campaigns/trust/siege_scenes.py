@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from node_robots import GRAVITY, JOINTS, LINK, two_links
+from trust.siege_gauges import SPOILT
 from trust.siege_payload import BOUNDS, KNOWN, MIDDLE, PAYLOAD, stiff_arm
 
 CONFIG = Path(__file__).resolve().parents[2] / 'config' / 'robots'
@@ -38,6 +39,11 @@ FEEDBACK_CASES: tuple[dict[str, Any], ...] = (
     {'do': 'pause', 'node': 'feedforward', 'seconds': 0.1, 'times': 3},
     {'do': 'kill', 'node': 'feedforward', 'child': True},
 )
+# each gauge's fault that is no failure, while the predictor fuses it
+SPOILT_CASES: tuple[dict[str, Any], ...] = tuple(
+    {'do': 'gauges', 'node': 'predictor', 'what': what, 'seconds': 2.5} for what in SPOILT
+)
+FUSING: Mapping[str, Mapping[str, Any]] = {'predictor': {'strain': 'fuse'}}
 FED_BACK: Mapping[str, Mapping[str, Any]] = {
     'feedforward': {
         'feedback.state': 'lqr', 'feedback.tip_error': 0.1, 'feedback.tip_turn': 0.05,
@@ -83,8 +89,7 @@ def gauged_arm() -> str:
 class Scene:
     """A robot, where it stands and is asked to be (rad, m), and what its torque may be.
 
-    With gauges the feedforward has state feedback. With parameters of a shaper there is one
-    between planner and feedforward.
+    With parameters of a shaper there is one between planner and feedforward.
     """
 
     name: str
@@ -109,6 +114,11 @@ class Scene:
     def adapts(self) -> bool:
         """Whether the robot swings and rests, and the predictor adapts to its payload."""
         return 'adapt' in self.more.get('predictor', {})
+
+    @property
+    def feeds_back(self) -> bool:
+        """Whether the feedforward has state feedback."""
+        return 'feedback.state' in self.more.get('feedforward', {})
 
     @property
     def lull(self) -> float:
@@ -216,6 +226,24 @@ SCENES = {
             4.0,
             first=({'do': 'clock', 'node': 'feedforward', 'seed': 1, 'count': 50},),
             factor=1.0,
+        ),
+        *(
+            Scene(
+                name,
+                gauged_arm,
+                ('joint_1', 'joint_2', 'joint_3'),
+                (0.2, 0.7, 0.5),
+                (0.2, 0.7, 0.5),
+                (5000.0, 5000.0, 5000.0),
+                100.0,
+                gravity=(0.0, 0.0, 0.0),
+                gauges=GAUGES,
+                sensors={'/strain': 'sensor_msgs/msg/JointState'},
+                more=FUSING,
+                first=SPOILT_CASES,
+                factor=factor,
+            )
+            for name, factor in (('gauges', 0.0), ('simulated_gauges', 1.0))
         ),
         Scene(
             'payload',

@@ -43,6 +43,9 @@ from trust.stage import FEED_PRIORITY, StageError, StageProcesses, stamp
 from trust.witness import DEEP, Witness
 
 from denoc_ros.cli.node_parameters import write_parameters
+from denoc_ros.dynamics.robot import load_robot
+from denoc_ros.dynamics.state_bounds import StateBounds
+from denoc_ros.errors import StateError
 from denoc_ros.kernels.cache import cache_folder
 from denoc_ros.nodes.messages import time_message
 from denoc_ros.nodes.middleware import PROFILES, use_sockets
@@ -111,6 +114,9 @@ class SiegeStage:
         self.attacked = {'/joint_states', '/reference', scene.plans_for, RELAYED, *scene.sensors}
         self.description = self.publisher('/robot_description', String, LATCHED)
         self.node.create_subscription(DiagnosticArray, '/diagnostics', self._on_status, DEEP)
+        robot = load_robot(scene.urdf(), gravity=scene.gravity)
+        self._coordinates = list(robot.coordinate_names)
+        self._bounds = StateBounds(robot, np.zeros(robot.n))
         for name, topic in OUTPUTS.items():
             self.node.create_subscription(JointState, topic, self._listener(name), 10)
         if scene.adapts:
@@ -202,8 +208,14 @@ class SiegeStage:
     def _listener(self, name: str) -> Callable[[Any], None]:
         def listen(message: Any) -> None:
             self.heard[name] = time.perf_counter()
-            if not np.isfinite([*message.position, *message.velocity]).all():
+            position, velocity = np.array(message.position), np.array(message.velocity)
+            if not (np.isfinite(position).all() and np.isfinite(velocity).all()):
                 self.broken.append(f'{name}: what it publishes must be finite')
+            elif list(message.name) == self._coordinates:  # an attack may bring another robot
+                try:
+                    self._bounds.require(position, velocity)
+                except StateError as error:
+                    self.broken.append(f'{name}: state must be one of the robot, got {error}')
 
         return listen
 

@@ -23,13 +23,22 @@ from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from trust.adversary import FLOATS, Adversary, leaves
 from trust.assault import damage, jumps, kernel_files
-from trust.attacks import DAMAGES, MORE, WEIGHTS, Inventory, Step, adversary, draw_step
+from trust.attacks import (
+    DAMAGES,
+    OF_GAUGES,
+    OF_SHAPERS,
+    WEIGHTS,
+    Inventory,
+    Step,
+    adversary,
+    draw_step,
+)
 from trust.laws import Life, Span, TorqueLedger, slope, unexplained
 from trust.mending import Mending
 from trust.shrinking import shrink
 from trust.siege import Failure, Round, kind_of, write_steps
-from trust.siege_gauges import FAULTS, Gauges
-from trust.siege_scenes import NODES
+from trust.siege_gauges import FAULTS, SPOILT, Gauges
+from trust.siege_scenes import NODES, SCENES
 from trust.siege_stage import PATIENCE, RECOVERY, own_kernels
 from trust.witness import Witness
 
@@ -66,15 +75,32 @@ def test_every_kind_of_attack_is_drawn_and_only_mortals_are_told_to_end() -> Non
 
 def test_gauges_and_planners_are_attacked_where_there_are_some() -> None:
     rng = np.random.default_rng(0)
-    inventory = replace(INVENTORY, has_gauges=True)
+    inventory = replace(INVENTORY, has_gauges=True, has_shaper=True)
     attacks = [attack for _ in range(600) for attack in draw_step(rng, inventory, ('plant',))]
-    drawn = {kind: [each for each in attacks if each['do'] == kind] for kind in MORE}
+    drawn = {
+        kind: [each for each in attacks if each['do'] == kind]
+        for kind in (*OF_GAUGES, *OF_SHAPERS)
+    }
     assert {attack['what'] for attack in drawn['gauges']} == set(FAULTS)
     killed = {(attack['node'], attack['child']) for attack in drawn['kill']}
     assert killed == {('shaper', True), ('shaper', False), ('feedforward', True)}
     halted = {(attack['node'], attack['then']) for attack in drawn['halt']}
     assert len(halted) == 6
     assert {attack['stop'] for attack in drawn['endless']} == {True, False}
+
+
+def test_gauges_without_a_shaper_are_attacked_by_the_predictors_scenes() -> None:
+    rng = np.random.default_rng(0)
+    inventory = replace(INVENTORY, has_gauges=True)
+    attacks = [attack for _ in range(300) for attack in draw_step(rng, inventory, ('plant',))]
+    assert not {attack['do'] for attack in attacks} & set(OF_SHAPERS)
+    gauges = [attack for attack in attacks if attack['do'] == 'gauges']
+    assert {attack['node'] for attack in gauges} == {'predictor'}
+    scenes = [scene for scene in SCENES.values() if scene.gauges and not scene.feeds_back]
+    assert {scene.factor for scene in scenes} == {0.0, 1.0}
+    for scene in scenes:
+        assert {attack['what'] for attack in scene.first} == set(SPOILT)
+        assert scene.parameters('predictor', Path())['strain'] == 'fuse'
 
 
 def test_a_stop_on_the_way_is_attacked_alone_and_caches_with_an_end() -> None:
@@ -144,6 +170,14 @@ def test_gauges_fail_as_they_are_told_to() -> None:
     assert 20_000_000 < max(ages('jumpy')) < 50_000_000
     assert 100 < len(said('lost')) < 180
     assert set(ages('')) == {0}
+    for fault in SPOILT:  # one of them, from then on
+        gauges.fault = ''
+        gauges.messages(now)
+        gauges.fault = fault
+        gauges.messages(now)
+        later = [gauges.messages(now + 10**9)[0].position for _ in range(3)]
+        assert [first for first, _ in later] == [0.0] * 3
+        assert all(abs(last) > 1e-5 for _, last in later)
     assert not Gauges([]).messages(now)
 
 

@@ -268,7 +268,8 @@ class Health:
         Raises
         ------
         ProcessError
-            A process is stopped, hangs or starves; a loop is too late; the recording has ended.
+            A process is stopped, hangs or starves; a loop is too late; the recording has ended;
+            the plant has diverged.
         """
         now = time.perf_counter()
         if now - self._looked < LOOK:
@@ -283,8 +284,14 @@ class Health:
                 if self.moves and self.real_time:
                     self._judge_share(name, watched, activity, passed)
                     self._judge_loop(name, watched)
+        self.check_plant()
         if failure := self.speaker.failure('recorder: recording'):
             raise ProcessError(f'recorder: recording must go on, got: {failure}')
+
+    def check_plant(self) -> None:
+        """Raise ProcessError where the plant has diverged since it was started."""
+        if cause := self.speaker.diagnostics('plant: plant').get('divergence'):
+            raise ProcessError(f'plant: state must be one that the robot can have, got: {cause}')
 
     def stands(self) -> bool:
         """Say whether a process is stopped just now."""

@@ -147,6 +147,9 @@ class Session:
             elif changed:
                 self._await_feedforward()
             self._run_phase(phase)
+        if 'plant' in self._names:  # its last second counts as well
+            self._client.until(self._spoken(['plant'], 1), HEARING)
+            self._health.check_plant()
 
     def _begin(self, patience: float = 0.0) -> None:
         """Start all nodes, and wait until they hear each other.

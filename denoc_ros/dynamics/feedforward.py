@@ -12,6 +12,7 @@ from denoc_ros.dynamics.equilibrium import Equilibrium, UnsettledError
 from denoc_ros.dynamics.measured_side import MotorSide
 from denoc_ros.dynamics.reacting_base import ReactingBase
 from denoc_ros.dynamics.robot import Robot
+from denoc_ros.dynamics.state_bounds import StateBounds
 from denoc_ros.dynamics.stepper import Stepper
 from denoc_ros.errors import SolverError, StateError
 from denoc_ros.kernels.handle import DAMPING, FRICTION
@@ -79,6 +80,8 @@ class TorqueFeedforward:
         they are longer than `step`.
     patience : float
         s of a processor's time that one update may search for an equilibrium; default no bound.
+    bounds : StateBounds or None
+        Of the state with moving amplitudes.
 
     Raises
     ------
@@ -114,7 +117,9 @@ class TorqueFeedforward:
         self.q, self.qd, self.qdd = np.zeros((3, n))
         self._flexible = flexible
         self._index = robot.joint_indices
-        self._equilibrium = Equilibrium(robot, np.union1d(flexible, self.motion.bound))
+        free = np.union1d(flexible, self.motion.bound)
+        self._equilibrium = Equilibrium(robot, free)
+        self.bounds = StateBounds(robot, self.motion.posture, free) if self._moves else None
         self._stepper = Stepper(robot, step, self.motion.given)
         self._base = ReactingBase(robot)
         self._zero = np.zeros(n)
@@ -183,14 +188,17 @@ class TorqueFeedforward:
         Raises
         ------
         StateError, SolverError
-            A number is not finite, or the amplitudes have gone where the model fails; the next
+            A number is not finite, or the amplitudes are none that the robot can have; the next
             update starts from their equilibrium.
         UnsettledError
             The search for an equilibrium takes longer than `patience`; the next update goes on
             with it.
         """
         try:
-            return self._update(q, qd, qdd, elapsed)
+            torque = self._update(q, qd, qdd, elapsed)
+            if self.bounds is not None:
+                self.bounds.require(self.q, self.qd)
+            return torque
         except UnsettledError:
             raise
         except (StateError, SolverError):

@@ -8,6 +8,7 @@ import math
 SAME_CLOCK = 1.0  # s
 # Two clocks drift apart by less than this.
 DRIFT = 1e-4  # s/s
+AHEAD_S = 0.05  # A single stamp that is ahead of the fastest message by more may be wrong.
 
 
 class StampClock:
@@ -24,7 +25,7 @@ class StampClock:
     def reset(self) -> None:
         """Forget the publisher."""
         self._offset = math.nan
-        self._shared = False
+        self._shared = self._jumped = False
         self._arrival = 0.0
 
     def taken_at(self, stamp: float, arrival: float, wall: float) -> float:
@@ -47,6 +48,9 @@ class StampClock:
         if self._shared:
             return min(arrival, arrival - (wall - stamp))
         self._offset += DRIFT * (arrival - self._arrival)
-        self._offset = min(self._offset, arrival - stamp)
         self._arrival = arrival
+        self._jumped = arrival - stamp < self._offset - AHEAD_S and not self._jumped
+        if self._jumped:
+            return arrival
+        self._offset = min(self._offset, arrival - stamp)
         return stamp + self._offset

@@ -16,6 +16,7 @@ from denoc_ros.dynamics.measured_side import MotorSide, WholeCoordinates
 from denoc_ros.dynamics.reacting_base import ReactingBase
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.springs import CUTOFF, GearSprings
+from denoc_ros.dynamics.state_bounds import StateBounds
 from denoc_ros.dynamics.stepper import Stepper, raise_step_status
 from denoc_ros.errors import SolverError
 from denoc_ros.estimation.fusion import StrainFusion
@@ -80,6 +81,8 @@ class Observer:
         The springs behind which joints are measured.
     fusion : StrainFusion or None
         What takes the sensors' values in, if they are fused.
+    bounds : StateBounds
+        Of every estimated or predicted state.
 
     Raises
     ------
@@ -110,6 +113,7 @@ class Observer:
         if settings.fusion is not None:
             self._floating.require_none('where sensors are fused')
         self._equilibrium = Equilibrium(self.robot, self._free)
+        self.bounds = StateBounds(self.robot, self.motion.posture, self._free)
         self._filter = TrackingFilter(len(self._joints), settings.cutoff)
         self.deflections = TipDeflections(robot)
         self.springs = GearSpringEstimator(self.robot, self.motion.joints, settings)
@@ -518,6 +522,11 @@ class Observer:
 
         The joints go on from the last measurement with the acceleration they had, for `max_age`
         at most: `stale` from then on. A time before the last measurement counts as that.
+
+        Raises
+        ------
+        StateError
+            The estimate is none that the robot can have; `reset` starts the observer again.
         """
         if self.time != self.time:  # no measurement has started it
             return
@@ -530,10 +539,11 @@ class Observer:
             lead = self._max_age
         if lead > 0.0 and self._steady and self.base is None:
             self._coast((self._q, self._qd), q, qd, lead, most)
-            return
-        q[:], qd[:] = self._q, self._qd
-        if lead > 0.0:
-            self._go(q, qd, stamp, lead, lambda _: self._filter.qdd, most=most)
+        else:
+            q[:], qd[:] = self._q, self._qd
+            if lead > 0.0:
+                self._go(q, qd, stamp, lead, lambda _: self._filter.qdd, most=most)
+        self.bounds.require(q, qd)
 
     def modal_state(self, out: tuple[Array, Array]) -> None:
         """Write coordinates and rates of the whole robot at `time`: see GearSpringEstimator."""
@@ -556,20 +566,27 @@ class Observer:
         -------
         pair of (n,) arrays
             `q_ahead`, `qd_ahead`: overwritten by the next call.
+
+        Raises
+        ------
+        StateError
+            The prediction is none that the robot can have.
         """
         horizon, most = self.settings.horizon, self.settings.horizon_steps
+        q, qd = self.q_ahead, self.qd_ahead
         if horizon > 0.0 and reference is None and self._steady and self.base is None:
-            self._coast((self.q, self.qd), self.q_ahead, self.qd_ahead, horizon, most)
-            return self.q_ahead, self.qd_ahead
-        self.q_ahead[:], self.qd_ahead[:] = self.q, self.qd
-        if horizon > 0.0:
-            begin = self.time
+            self._coast((self.q, self.qd), q, qd, horizon, most)
+        else:
+            q[:], qd[:] = self.q, self.qd
+            if horizon > 0.0:
+                begin = self.time
 
-            def expected(t: float) -> Array:
-                return self._filter.qdd if reference is None else reference(begin + t)[2]
+                def expected(t: float) -> Array:
+                    return self._filter.qdd if reference is None else reference(begin + t)[2]
 
-            self._go(self.q_ahead, self.qd_ahead, self.time, horizon, expected, most=most)
-        return self.q_ahead, self.qd_ahead
+                self._go(q, qd, begin, horizon, expected, most=most)
+        self.bounds.require(q, qd)
+        return q, qd
 
 
 # springs behind which joints are measured -------------------------------------------------------

@@ -276,7 +276,7 @@ class FeedforwardNode(RobotNode):
             self._move_base(self.clock.now())
         before, self._message_time = self._message_time, stamp_ns
         elapsed = 0.0 if before is None else 1e-9 * (stamp_ns - before)
-        torque = self.torque.update(q, qd, qdd, elapsed)
+        torque = self.torque.update(q, qd, qdd, elapsed, self.clock.now())
         if torque is None:
             return
         self.q[:], self.qd[:] = q, qd
@@ -314,7 +314,7 @@ class FeedforwardNode(RobotNode):
         self.carrying.hurry()
         self.safe.end()
         self.base.begin()
-        self.torque.source.reset()
+        self.torque.reset()
         self.feedback.begin()
 
     def activate(self) -> None:
@@ -415,7 +415,7 @@ class FeedforwardNode(RobotNode):
             self.torque.source.reset()
             return None
         elapsed, self._last_update = clock - self._last_update, clock
-        return self.torque.update(self.q, self.qd, self.qdd, elapsed)
+        return self.torque.update(self.q, self.qd, self.qdd, elapsed, clock)
 
     def _publish(self, is_following: bool = False) -> None:
         """Publish the torque that the limiter let through, with the motion it is for."""
@@ -564,7 +564,8 @@ class FeedforwardNode(RobotNode):
         }
         if self.phase is not None:
             more['synchronous'] = self.phase.is_steady
-        status = self._said.status(self._cause, self.limiter, self.torque.failures, more)
+        restarts, now = self.torque.restarts, self.clock.now()
+        status = self._said.status(self._cause, self.limiter, restarts, now, more)
         return [status, self.motion.status(), *self.feedback.statuses()]
 
 

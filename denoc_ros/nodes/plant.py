@@ -21,6 +21,7 @@ from denoc_ros.dynamics.equilibrium import Equilibrium
 from denoc_ros.dynamics.measured_side import MeasuredStates
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.rotations import quaternion
+from denoc_ros.errors import StateError
 from denoc_ros.kernels.compiled import entry
 from denoc_ros.kernels.torque_limits import saturate
 from denoc_ros.model.mjcf import SEGMENTS
@@ -51,9 +52,8 @@ CATCH_UP = 50  # steps that a tick after a pause of the machine takes in any cas
 CATCH_UP_TIME = 0.02  # s of a processor for more of them; what is left is time lost
 COMMANDS = 256  # that wait for the step which they come before
 REFERENCE_GAP = 0.2  # s
-LOOK_STEPS = 20  # between looks at whether the state is one that the robot can have
 REMEDY = (
-    'nothing after that means anything: hold the joints by feedback.kp and feedback.kd, or '
+    'it was put back to its start and braked: hold the joints by feedback.kp and feedback.kd, or '
     'command them by a model that is not rigid, then call ~/reset'
 )
 
@@ -152,6 +152,8 @@ class PlantNode(RobotNode):
         self._prepare_messages(settings)
         self._use(simulated)
         self._lost_steps = 0
+        self._diverged = self._last_divergence = ''
+        self._tick_time = self.clock.now()
         self._brake = settings.flag('brake')
         self._place()
         self._simulated.tip_deflections(*self._deflection_arrays)
@@ -315,7 +317,7 @@ class PlantNode(RobotNode):
         if self.is_configured:
             self.follower.forget_begun(self._tick_time)
             self.command_input.reset()
-            self.between_ticks(self._place)
+            self.between_ticks(self._reset_state)
         return 'back at the start'
 
     def settings_changed(self, settings: Settings, changes: dict[str, Value]) -> None:
@@ -350,8 +352,12 @@ class PlantNode(RobotNode):
             self.source.clock.tell()
         super().activate()
 
+    def _reset_state(self) -> None:
+        self._diverged = ''
+        self._place()
+
     def _place(self) -> None:
-        self._diverged, self._began, self._look_due = '', math.nan, 0
+        self._began = math.nan
         self._simulated.place()
         self.effort[:] = 0.0
         self._commands.clear()
@@ -366,25 +372,37 @@ class PlantNode(RobotNode):
             end = self.loop.deadline
         self._lost_steps += steps - self._catch_up(steps, end)
         self._tick_time = end
-        self._look_due -= steps
-        if self._look_due <= 0 and not self._diverged:
-            self._look_due = LOOK_STEPS
-            self._look_for_divergence()
-        # the state is that of the deadline, however late the machine let the tick begin
-        stamp_ns = self._stamp_of(self._tick_time)
-        self._publish(stamp_ns)
+        if error := self._impossible():
+            since = self._tick_time - self._began
+            self._note_divergence(f'diverged {since:.2f} s after its start: {error}')
+        else:
+            # the state is that of the deadline, however late the machine let the tick begin
+            self._publish(self._stamp_of(self._tick_time))
         if self.source is not None:
             self.source.clock.tell()
-        self._publish_truth()  # for which nobody waits, while who hears the time computes
+        if not error:
+            self._publish_truth()  # while those who hear the time compute
 
-    def _look_for_divergence(self) -> None:
-        """Note since when the state is none that the robot can have."""
+    def _impossible(self) -> str:
+        """Return why the state is none that the robot can have, '' if it is one."""
+        simulated = self._simulated
         try:
             self.bounds.require(self.q[self._index], self.qd[self._index])
-        except InputError as error:
-            since = self._tick_time - self._began
-            self._diverged = f'the simulated state diverged {since:.2f} s after its start: {error}'
+            if simulated.bounds is not None:
+                simulated.bounds.require(self.q, self.qd)
+        except (InputError, StateError) as error:
+            return str(error)
+        return ''
+
+    def _note_divergence(self, how: str) -> None:
+        """Put the robot back to its start, as ~/reset does; nothing of its state is published."""
+        self._last_divergence = f'the simulated state {how}'
+        if not self._diverged:
+            self._diverged = self._last_divergence
             self.to_log.append(f'{self._diverged}; {REMEDY}')
+        self.command_input.reset()
+        self.follower.forget_begun(self._tick_time)
+        self._place()
 
     def _catch_up(self, steps: int, end: float) -> int:
         """Take steps up to a time [s]; return how many there was time for."""
@@ -420,10 +438,9 @@ class PlantNode(RobotNode):
             self._advance()
 
     def rescue(self) -> bool:
-        """Start anew, as ~/reset does: the model cannot go on from where it failed."""
-        self.command_input.reset()
-        self.follower.forget_begun(self._tick_time)
-        self._place()
+        """Start anew: the model cannot go on from where it failed."""
+        since = self._tick_time - self._began
+        self._note_divergence(f'failed {since:.2f} s after its start: {self._tick_guard.last}')
         return False
 
     def _advance(self) -> None:
@@ -486,7 +503,11 @@ class PlantNode(RobotNode):
         """State of the simulation and of its time."""
         braked = self._braked
         status = Status('plant', message='braked' if braked else 'moving')
-        status.values = {'lost_steps': self._lost_steps, 'braked': braked}
+        status.values = {
+            'lost_steps': self._lost_steps,
+            'braked': braked,
+            'divergence': self._last_divergence,
+        }
         if self._diverged:
             status.worsen(ERROR, f'{self._diverged}; {REMEDY}')
         if self._lost_steps:

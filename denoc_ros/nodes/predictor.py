@@ -35,13 +35,19 @@ from denoc_ros.runtime.clocks import StampOf
 from denoc_ros.runtime.conversions import JointStateReader
 from denoc_ros.runtime.effort_check import EffortGuard, effort_guard
 from denoc_ros.runtime.joint_input import JointInput
-from denoc_ros.runtime.live_observer import Adaptation, build_observer, fusion_status, is_observers
+from denoc_ros.runtime.live_observer import (
+    Adaptation,
+    accepted_values,
+    build_observer,
+    fusion_status,
+    is_observers,
+)
 from denoc_ros.runtime.message_numbers import MessageFiller, Numbers
 from denoc_ros.runtime.motion_bounds import limits_of, motion_bounds
 from denoc_ros.runtime.parameters import Settings
 from denoc_ros.runtime.predictor_parameters import TABLE
 from denoc_ros.runtime.reference import reference_follower
-from denoc_ros.runtime.remaining_error import RemainingError, Restart
+from denoc_ros.runtime.restarts import Restarts
 from denoc_ros.runtime.status import WARN, Status
 from denoc_ros.runtime.trajectory_messages import has_many_points, read_trajectory
 from denoc_ros.types import Array
@@ -200,10 +206,11 @@ class PredictorNode(RobotNode):
         self.observer = self._build(robot, settings)
         self.efforts = self._guard(robot, settings)
         self.adaptation = self._adaptation(robot, settings)
-        self._model_failures = 0
+        self.restarts = Restarts(self.observer.bounds)
+        self._counted = self.observer.unsettled
         # A number is a time [s] from which on all is measured once more.
         self._queue: deque[Measurement | float] = deque(maxlen=QUEUE)
-        self._history, self._remaining = ObserverHistory(), RemainingError()
+        self._history = ObserverHistory()
         self._stamps = StampClock()
         self._now = float('nan')
         self.bounds = motion_bounds(robot, self.joints, settings)
@@ -327,13 +334,13 @@ class PredictorNode(RobotNode):
         """Start anew from the next measurement."""
         self._queue.clear()
         self._history.clear()
-        self._remaining.restart = None
         self.efforts.reset()
         self.motion.reset()
         self.sensors.queue.clear()
         self._stamps.reset()
         self.base.begin()
         self.observer.reset()
+        self.restarts.clear()
         self.adaptation.reset(values=False)
         self._now = self.clock.now()
         self._stamp_of = StampOf(self.clock)
@@ -347,12 +354,11 @@ class PredictorNode(RobotNode):
         else:
             self._now += steps * self.observer.settings.step
         observer = self.observer
-        if self.base.used and self.base.trouble(
-            self._now
-        ):  # without the base's motion there is no estimate
+        if self.base.used and (trouble := self.base.trouble(self._now)):
+            # Without the base's motion there is no estimate.
             self._queue.clear()
             self.sensors.queue.clear()
-            observer.reset()
+            self._start_again(trouble)
             return
         try:
             self._measure(observer, steps)
@@ -362,15 +368,29 @@ class PredictorNode(RobotNode):
                 self.adaptation.sense(*value)
             self.adaptation.apply(observer)
             observer.tick(self._now)
+            if observer.unsettled != self._counted:
+                self._counted = observer.unsettled
+                self._note_restart('no equilibrium where joint_states begin')
             if observer.is_current:
                 self._publish(observer)
             if self.clock.is_simulated and self._now >= self._draw_due:
                 self._draw_due = self._now + self._draw_period
                 self._draw()
-        except (StateError, SolverError):
+        except (StateError, SolverError) as error:
             # the estimate has left all bounds: better none than that
-            self._model_failures += 1
-            observer.reset()
+            self.restarts.note_failure(str(error))
+            self._start_again(str(error))
+
+    def _start_again(self, cause: str) -> None:
+        """Start the estimate again at the next measurement, from equilibrium."""
+        if self.observer.started:
+            self._note_restart(cause)
+        self.observer.reset()
+
+    def _note_restart(self, cause: str, keeps_state: bool = False) -> None:
+        observer = self.observer
+        state = observer.q.copy(), observer.qd.copy()
+        self.restarts.note_restart(cause, self._now, accepted_values(observer), state, keeps_state)
 
     def _measure(self, observer: Observer, steps: int) -> None:
         """Take measurements in, for the time that has passed at most; the rest waits."""
@@ -390,25 +410,20 @@ class PredictorNode(RobotNode):
             self.efforts.measure(observer, taken, q, qd, effort)
             adaptation.measure(taken, q, qd, effort)
             self._history.add(observer)
-            if observer.restarts != restarts:  # It kept its state over a gap.
-                self._note_restart(observer, taken, kept=True)
+            if observer.restarts != restarts:
+                self._note_restart('a gap in joint_states', keeps_state=True)
             if queue and time.thread_time() > end:
                 return
 
     def _rewind(self, observer: Observer, time: float) -> None:
         """Bring the observer back to before a time [s], else reset it."""
         if observer.started and not self._history.rewind(observer, time):
-            self._note_restart(observer, time, kept=False)
-            observer.reset()
+            self._start_again('wrong joint_states were taken in')
         self.efforts.follow(observer)
-
-    def _note_restart(self, observer: Observer, time: float, kept: bool) -> None:
-        """Note a break in the estimate at a time [s], to warn of the vibration that it lost."""
-        self._remaining.restart = Restart(time, (observer.q.copy(), observer.qd.copy()), kept)
 
     def rescue(self) -> bool:
         """Start anew from the next measurement: better no estimate than a wrong one."""
-        self.observer.reset()
+        self._start_again('a tick failed')
         return False
 
     def _publish(self, observer: Observer) -> None:
@@ -420,9 +435,13 @@ class PredictorNode(RobotNode):
         horizon = observer.settings.horizon
         if horizon > 0.0 and outputs.has_listener('tip_deflection_predicted'):
             follow = self._follows(observer.time)
-            q_ahead, qd_ahead = observer.predict(self._reference if follow else None)
-            ahead_ns = stamp_ns + round(1e9 * horizon)
-            outputs.send_ahead(ahead_ns, q_ahead, qd_ahead, observer.deflections)
+            try:
+                q_ahead, qd_ahead = observer.predict(self._reference if follow else None)
+            except StateError as error:  # of a reference that the robot cannot follow
+                self.restarts.note_failure(f'prediction: {error}')
+            else:
+                ahead_ns = stamp_ns + round(1e9 * horizon)
+                outputs.send_ahead(ahead_ns, q_ahead, qd_ahead, observer.deflections)
         if self.sensors.fresh:
             self.sensors.fresh = False
             if outputs.has_listener('sensor_residual'):
@@ -457,6 +476,7 @@ class PredictorNode(RobotNode):
         self.efforts = efforts
         adaptation.adopt(self.adaptation)
         self.robot, self.observer, self.adaptation = robot, observer, adaptation
+        self.restarts.bounds = observer.bounds
         self.outputs.attach(observer, robot.pose_of(self.tip))
         self.sensors.update(robot.tree)
 
@@ -464,8 +484,8 @@ class PredictorNode(RobotNode):
         """Forget the estimate and the numbers found."""
         self._history.clear()
         self.efforts.reset()
-        self._remaining.restart = None
         self.observer.reset()
+        self.restarts.clear()
         self.adaptation.reset(values=True)
 
     # ---- beside the loop
@@ -529,7 +549,7 @@ class PredictorNode(RobotNode):
             'late': observer.late,
             'repeated': observer.repeated,
             'restarts': observer.restarts,
-            'model_failures': self._model_failures,
+            'model_failures': self.restarts.failures,
             'sensors_heard': int(np.count_nonzero(np.isfinite(self.sensors.values))),
         }
         if trouble := self.base.trouble(self.clock.now()):
@@ -538,13 +558,13 @@ class PredictorNode(RobotNode):
             status.worsen(WARN, 'no joint_states yet')
         elif observer.stale:
             status.worsen(WARN, 'stale joint_states: nothing is published')
+        values, amplitudes = accepted_values(observer), len(observer.robot.flexible_indices)
+        self.restarts.worsen(status, self._now, values, amplitudes, self.robot)
         fused = None if observer.fusion is None else fusion_status(observer.fusion, self._now)
         beside = (fused, self.adaptation.status())
         joints = self.motion.status()
         if reason := self.efforts.reason:
             joints.worsen(WARN, f'{reason}; the estimate uses positions and velocities only')
-        if self._remaining.restart is not None:
-            self._remaining.warn(joints, self.robot.copy(), self._now)
         return [status, joints, *(each for each in beside if each is not None)]
 
 

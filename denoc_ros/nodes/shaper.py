@@ -379,6 +379,7 @@ class ShaperNode(RobotNode):
         row = self.stream.tick(now, steps)
         if row is None:
             return
+        self.bounds.require(row[0], row[1])  # what a follower would refuse does not leave
         self._known = self.stream.last
         point = self._point
         point.positions[:], point.velocities[:], point.accelerations[:] = row

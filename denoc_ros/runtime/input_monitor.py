@@ -6,6 +6,8 @@ import math
 from collections import Counter
 from collections.abc import Sequence
 
+from denoc_ros.estimation.clock import AHEAD_S
+
 MOST_JOINTS = 256  # in one message: names are read one by one
 LONGEST_TEXT = 500  # characters of a refusal: what came may be megabytes
 SILENCE = 2.0  # s without a message after which a publisher counts as silent
@@ -129,6 +131,8 @@ class InputMonitor:
         self.max_publishers = max_publishers
         self._last_stamp: int | None = None
         self._last_time = self._time_before = -math.inf
+        self._offset = math.inf  # s from the stamp of the fastest message to its arrival
+        self._before_jump = 0  # stamp before a single one from the future; 0: none [ns]
 
     def check_publishers(self, count: int) -> None:
         """Refuse all messages while too many publishers are active: the right one is unknown."""
@@ -145,13 +149,17 @@ class InputMonitor:
         ------
         InputError
             Cause `backwards_stamp`: it is older than the one before; `duplicate`: it says again
-            what was true then (stamp 0 is none).
+            what was true then (stamp 0 is none). A single stamp from the future does not count:
+            the next message may be older than that.
         """
         last = self._last_stamp
         if stamp_ns is None:
             stamp_ns = last
-        elif last is not None and stamp_ns <= last:
-            self._require_new(stamp_ns, last)
+        else:
+            if last is not None and stamp_ns <= last:
+                self._require_new(stamp_ns, last)
+            if stamp_ns:
+                self._compare(now - 1e-9 * stamp_ns)
         self._last_stamp = stamp_ns
         self._time_before, self._last_time = self._last_time, now
         self.accepted += 1
@@ -165,6 +173,8 @@ class InputMonitor:
     def _require_new(self, stamp_ns: int, last: int) -> None:
         """Refuse a stamp that is not later than the last one; 0 may come again."""
         if stamp_ns < last:
+            if stamp_ns > self._before_jump > 0:
+                return
             raise InputError(
                 'backwards_stamp',
                 f'{self.topic} stamp must not go back, got {stamp_ns} ns after {last} ns; '
@@ -172,6 +182,17 @@ class InputMonitor:
             )
         if stamp_ns:
             raise InputError('duplicate', f'{self.topic} stamp must be new, got {last} ns again')
+
+    def _compare(self, offset: float) -> None:
+        """Note whether a stamp is ahead of all others; of two in a row the clock was set.
+
+        `offset` is by how much the moment of arrival is ahead of the stamp [s].
+        """
+        known = self._offset < math.inf
+        jumps = known and offset < self._offset - AHEAD_S and not self._before_jump
+        self._before_jump = self._last_stamp or 0 if jumps else 0
+        if not jumps:
+            self._offset = min(offset, self._offset)
 
     def reject(self, error: InputError) -> bool:
         """Count a refused message; say whether it is the first of its cause."""
@@ -192,3 +213,5 @@ class InputMonitor:
         """Forget the last stamp and its time (not the counts)."""
         self._last_stamp = None
         self._last_time = self._time_before = -math.inf
+        self._offset = math.inf
+        self._before_jump = 0

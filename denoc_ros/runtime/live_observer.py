@@ -197,6 +197,12 @@ def _bounds(settings: Settings, paths: Sequence[str]) -> Bounds:
     return dict(zip(paths, pairs, strict=False))
 
 
+def accepted_values(observer: Observer) -> int:
+    """Return how many values of sensors have corrected an observer, of all times."""
+    fusion = observer.fusion
+    return 0 if fusion is None else sum(counts['accepted'] for counts in fusion.counts)
+
+
 def fusion_status(fusion: StrainFusion, now: float) -> Status:
     """Counts of each sensor's values, by fate."""
     status = Status('fusion', message='fusing')

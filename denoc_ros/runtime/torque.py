@@ -17,6 +17,7 @@ from denoc_ros.kernels.torque_limits import limit_torque
 from denoc_ros.runtime.conversions import LARGEST_EFFORT, is_torque
 from denoc_ros.runtime.parameters import Settings
 from denoc_ros.runtime.rate_limiter import Backoff
+from denoc_ros.runtime.restarts import Restarts
 from denoc_ros.runtime.status import ERROR, WARN, Status
 from denoc_ros.types import Array
 
@@ -357,26 +358,33 @@ class LiveTorque:
 
     Attributes
     ----------
-    failures : int
-        How often it gave no torque.
+    restarts : Restarts
+        How often it gave no torque, and what its amplitudes miss since then.
     """
 
     def __init__(self, source: TorqueFeedforward, in_loop: bool) -> None:
         self.source = source
-        self.failures = 0
+        self.restarts = Restarts(source.bounds)
         self._backoff = Backoff(FAILING_SHARE, LONGEST_WAIT) if in_loop else None
 
     def replace(self, source: TorqueFeedforward) -> None:
         """Go on with another model where the one before is."""
         source.adopt(self.source)
         self.source = source
+        self.restarts.bounds = source.bounds
 
     def reset(self) -> None:
         """Forget the amplitudes."""
         self.source.reset()
+        self.restarts.clear()
 
-    def update(self, q: Array, qd: Array, qdd: Array, elapsed: float) -> Array | None:
-        """Return the torque (n,) of a motion, None while the model fails; as the source's."""
+    def update(
+        self, q: Array, qd: Array, qdd: Array, elapsed: float, moment: float
+    ) -> Array | None:
+        """Return the torque (n,) of a motion, None while the model fails.
+
+        `moment` is the time of the clock [s]; the other arguments are the source's.
+        """
         backoff, now = self._backoff, time.perf_counter()
         if backoff is not None and not backoff.due(now):
             return None
@@ -385,8 +393,9 @@ class LiveTorque:
             return self.source.update(q, qd, qdd, elapsed)
         except UnsettledError:  # the next update goes on with it
             return None
-        except (StateError, SolverError):
-            self.failures += 1
+        except (StateError, SolverError) as error:
+            self.restarts.note_failure(str(error))
+            self.restarts.note_restart(str(error), moment)
             self.source.reset()
             if backoff is not None:
                 backoff.failed(now, time.thread_time() - begin)
@@ -397,10 +406,15 @@ class TorqueStatus:
     """State of the torque, with warnings for events since the last report."""
 
     def __init__(self) -> None:
-        self._clamped = self._failures = 0
+        self._clamped = self._non_finite = 0
 
     def status(
-        self, cause: str, limiter: TorqueLimiter, model_failures: int, more: Mapping[str, object]
+        self,
+        cause: str,
+        limiter: TorqueLimiter,
+        restarts: Restarts,
+        now: float,
+        more: Mapping[str, object],
     ) -> Status:
         """Return the status.
 
@@ -408,6 +422,10 @@ class TorqueStatus:
         ----------
         cause : str
             What the torque follows, or why it does not.
+        restarts : Restarts
+            Of the model's amplitudes.
+        now : float
+            s.
         """
         status = Status('torque', message=cause)
         status.values = {
@@ -415,15 +433,15 @@ class TorqueStatus:
             **more,
             'clamped': ' '.join(map(str, limiter.clamped.tolist())),
             'non_finite': limiter.non_finite,
-            'model_failures': model_failures,
+            'model_failures': restarts.failures,
         }
         clamped = int(limiter.clamped.sum())
         if clamped > self._clamped:
             status.worsen(WARN, 'torque clamped')
         if cause.startswith('stale'):
             status.worsen(WARN, cause)
-        failures = limiter.non_finite + model_failures
-        if failures > self._failures:
+        if limiter.non_finite > self._non_finite:
             status.worsen(ERROR, 'torque of the model not finite')
-        self._clamped, self._failures = clamped, failures
+        restarts.worsen(status, now)
+        self._clamped, self._non_finite = clamped, limiter.non_finite
         return status

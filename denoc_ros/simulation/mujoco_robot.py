@@ -11,6 +11,7 @@ import numpy as np
 from denoc_ros.dynamics.floating_base import ATTITUDE
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.rotations import left_jacobians, rotation_vectors, rotations
+from denoc_ros.dynamics.state_bounds import StateBounds
 from denoc_ros.errors import ConfigError, StateError
 from denoc_ros.model.mjcf import INERTIAL_TAGS, SEGMENTS, Mjcf, mjcf
 from denoc_ros.model.poses import pose_of
@@ -72,6 +73,7 @@ class MujocoRobot:
     ) -> None:
         self.mujoco = mujoco_module()
         self.robot, self.step = robot, step
+        self.bounds: StateBounds | None = None  # A chain of hinges bends as far as it likes.
         made = mjcf(tree, robot.gravity, settings.segments)
         self.model = self._compiled(made, settings.scene)
         self.model.opt.disableflags |= self.mujoco.mjtDisableBit.mjDSBL_AUTORESET

@@ -10,6 +10,7 @@ import numpy as np
 from denoc_ros.dynamics.deflection import TipDeflections
 from denoc_ros.dynamics.reacting_base import ReactingBase
 from denoc_ros.dynamics.robot import Robot
+from denoc_ros.dynamics.state_bounds import StateBounds
 from denoc_ros.dynamics.stepper import Stepper, with_joint_feedback
 from denoc_ros.dynamics.structure import composed_sensors, sensor_rows
 from denoc_ros.types import Array, IntArray
@@ -39,6 +40,8 @@ class SimulatedRobot(Protocol):
         Length of a step [s].
     start : (n,) array
         Coordinates where it starts.
+    bounds : StateBounds or None
+        Of its state; None where it may bend as far as it likes.
     """
 
     robot: Robot
@@ -46,6 +49,7 @@ class SimulatedRobot(Protocol):
     qd: Array
     step: float
     start: Array
+    bounds: StateBounds | None
 
     @property
     def qdd(self) -> Array:
@@ -90,6 +94,7 @@ class ModalRobot:
 
     def __init__(self, robot: Robot, step: float, start: Array, drives: Drives) -> None:
         self.robot, self.step, self.start = robot, step, start
+        self.bounds: StateBounds | None = StateBounds(robot, start)
         held = with_joint_feedback(robot, drives.coordinates, drives.kp, drives.kd)
         self._stepper = Stepper(robot, step, drives.given)
         self._feedback_stepper = Stepper(held, step)

@@ -29,7 +29,7 @@ class World:
         self.does: Callable[[float], Activity] = lambda now: Activity(False, False, 0.2 * now)
         self.said: Callable[[float], int] = lambda now: 1 + int(now)
         self.loop: Callable[[float], tuple[int, int]] = lambda now: (RATE * int(now), 0)
-        self.error = ''
+        self.error = self.divergence = ''
         self.given_up: list[str] = []
 
     def perf_counter(self) -> float:
@@ -45,6 +45,8 @@ class World:
         return self.said(self.now)
 
     def diagnostics(self, status: str) -> Mapping[str, str]:
+        if status == 'plant: plant':
+            return {'divergence': self.divergence}
         assert status == 'plant: loop'
         ticks, skipped = self.loop(self.now)
         return {'ticks': str(ticks), 'skipped_total': str(skipped), 'nominal_rate_hz': '500'}
@@ -158,3 +160,11 @@ def test_a_recording_that_ended_ends_the_session(world: World) -> None:
 def test_nobody_waits_for_the_viewer(world: World) -> None:
     world.does = lambda now: Activity(True, False, 0.0)
     assert failing(world, name='viewer') == (200.0, '')
+
+
+def test_a_plant_that_has_diverged_ends_the_session(world: World) -> None:
+    assert failing(world, 10.0) == (10.0, '')
+    world.divergence = 'the simulated state diverged 0.40 s after its start: ...'
+    when, why = failing(world)
+    assert when < 12.5
+    assert 'plant: state must be one that the robot can have, got: the simulated state' in why

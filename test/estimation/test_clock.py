@@ -36,3 +36,23 @@ def test_stamp_ahead_of_a_shared_clock_is_not_in_the_future() -> None:
     clock = StampClock()
     clock.taken_at(WALL, STEADY + 0.001, WALL + 0.001)
     assert clock.taken_at(WALL + 5.0, STEADY + 0.01, WALL + 0.01) == STEADY + 0.01
+
+
+@pytest.mark.parametrize('begin', [7.0, WALL])
+def test_a_single_stamp_from_the_future_leaves_no_trace(begin: float) -> None:
+    plain, spoilt = StampClock(), StampClock()
+    for k in range(200):
+        t = 0.01 * k
+        given = begin + t, STEADY + t + 0.002, WALL + t + 0.002
+        if k == 50:
+            assert spoilt.taken_at(begin + t + 30.0, *given[1:]) <= given[1]
+            continue
+        assert spoilt.taken_at(*given) == pytest.approx(plain.taken_at(*given), abs=1e-6)
+
+
+def test_a_clock_that_is_set_ahead_is_followed_from_its_second_message() -> None:
+    clock = StampClock()
+    for k in range(100):
+        t = 0.01 * k
+        taken = clock.taken_at(7.0 + t + (30.0 if k >= 50 else 0.0), STEADY + t, WALL + t)
+        assert taken == pytest.approx(STEADY + t, abs=1e-3)

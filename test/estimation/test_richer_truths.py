@@ -57,7 +57,7 @@ def truth() -> Recording:
     gauges = strain + noise * np.random.default_rng(SEED).standard_normal(strain.shape)
     tips = TipDeflections(robot)
     bent = [tips.evaluate(q, qd)[0].copy() for q, qd in zip(run.q, run.qd, strict=True)]
-    return Recording(run, gauges, noise, np.array(bent))
+    return Recording(run, strain, gauges, noise, np.array(bent))
 
 
 def off(fuse: bool) -> tuple[Array, Array]:

@@ -210,7 +210,7 @@ def test_motions_out_of_reach_are_refused(bench: Any) -> None:
         arm.reference.publish(message)
     arm.until(lambda: len(arm.effort) == 2)
     assert arm.node.reference_input.rejected == {'out_of_range': 1}
-    assert arm.node.torque.failures == 0
+    assert arm.node.torque.restarts.failures == 0
 
 
 def test_a_backwards_joint_state_is_no_posture_to_carry(bench: Any) -> None:

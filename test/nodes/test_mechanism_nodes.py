@@ -115,7 +115,7 @@ def test_joint_states_that_the_mechanism_cannot_have_do_not_hold_the_predictor(
             )
         )
     # within reach, but the arms are apart
-    graph.until(lambda: said([2.28, 0.86]) or node._model_failures)
+    graph.until(lambda: said([2.28, 0.86]) or node.restarts.failures)
     count = len(estimates)
     graph.until(lambda: said(START) or len(estimates) > count + 20)
     assert node.loop.failure is None

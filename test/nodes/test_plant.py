@@ -379,16 +379,21 @@ def test_a_state_that_no_robot_has_is_said_with_its_instant(graph: Any, urdf: st
     node = graph.add(PlantNode, urdf_path=urdf, update_rate=100.0, position_limit=10.0)
     graph.until(lambda: graph.diagnostics.get('plant: plant') is not None)
     assert 'diverged' not in graph.diagnostics['plant: plant'].message
+    states = graph.collect(JointState, '/joint_states')
     node.start[node._index] = 170.0
-    node._place()
+    node._reset()
     pattern = re.compile(
         r'the simulated state diverged \d+\.\d\d s after its start: .*: position must be from .*, '
         r'got 170; .* feedback\.kp'
     )
     graph.until(lambda: pattern.search(graph.diagnostics['plant: plant'].message))
     node.start[node._index] = 0.1
-    node.between_ticks(node._place)
+    node._reset()
     graph.until(lambda: 'diverged' not in graph.diagnostics['plant: plant'].message)
+    count = len(states)
+    graph.until(lambda: len(states) > count)
+    assert max(abs(q) for state in states for q in state.position) <= 10.0
+    assert 'diverged' in str(graph.value('plant: plant', 'divergence'))
 
 
 def test_a_line_says_what_an_active_node_does(graph: Any, urdf: str) -> None:

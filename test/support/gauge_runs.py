@@ -33,6 +33,7 @@ class Recording:
     """What happened, and what gauges with noise of 1 % of their peaks say of it."""
 
     run: Run
+    strain: Array  # (k, sensors), without noise
     gauges: Array  # (k, sensors)
     noise: Array  # (sensors,)
     deflection: Array  # (k, 6 links), the truth
@@ -80,8 +81,13 @@ def record(name: str, known: bool) -> Recording:
     if not known:
         robot = robot.with_overrides(softer(robot))
     robot.set_payload('tool', PAYLOAD if known else 1.2 * PAYLOAD)
-    joints = len(robot.joint_names)
-    wanted = reference(name, joints)
+    return recorded(robot, reference(name, len(robot.joint_names)), END)
+
+
+def recorded(
+    robot: dn.Robot, wanted: Callable[[float], tuple[Array, Array, Array]], end: float
+) -> Recording:
+    """Record a robot whose joints follow a motion from rest, undeformed."""
 
     def of(index: int) -> Callable[[float], tuple[float, float, float]]:
         def law(t: float) -> tuple[float, float, float]:
@@ -91,7 +97,7 @@ def record(name: str, known: bool) -> Recording:
         return law
 
     laws = {joint: of(k) for k, joint in enumerate(robot.joint_names)}
-    times = np.arange(0.0, END, STEP)
+    times = np.arange(0.0, end, STEP)
     zero = np.zeros(robot.n)
     run = dn.simulate(robot, zero, zero, times, prescribed=laws, rtol=1e-6, atol=1e-8)
     accelerations = np.empty_like(run.q)
@@ -103,7 +109,7 @@ def record(name: str, known: bool) -> Recording:
     gauges = strain + noise * np.random.default_rng(SEED).standard_normal(strain.shape)
     tips = TipDeflections(robot)
     truth = [tips.evaluate(q, qd)[0].copy() for q, qd in zip(run.q, run.qd, strict=True)]
-    return Recording(run, gauges, noise, np.array(truth))
+    return Recording(run, strain, gauges, noise, np.array(truth))
 
 
 def observer(name: str, data: Recording, fuse: bool = True, **settings: object) -> Observer:
