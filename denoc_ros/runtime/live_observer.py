@@ -204,16 +204,30 @@ def accepted_values(observer: Observer) -> int:
 
 
 def fusion_status(fusion: StrainFusion, now: float) -> Status:
-    """Counts of each sensor's values, by fate."""
+    """Excluded sensors, and counts of each sensor's values by fate."""
+    faults = fusion.faults
     status = Status('fusion', message='fusing')
-    silent = []
-    for name, counts, heard in zip(fusion.names, fusion.counts, fusion.heard, strict=True):
+    silent, refused = [], []
+    rows = zip(fusion.names, fusion.counts, fusion.heard, fusion.used, strict=True)
+    for place, (name, counts, heard, used) in enumerate(rows):
         age = now - heard
         status.values[f'{name} age_s'] = 'never' if np.isnan(age) else float(age)
         for cause, count in sorted(counts.items()):
             status.values[f'{name} {cause}'] = count
         if not age < SENSOR_SILENCE:
             silent.append(name)
+        elif faults.uses(place) and not now - used < SENSOR_SILENCE:
+            refused.append(name)
+    for unit, is_trusted in zip(faults.units, faults.trusted.tolist(), strict=True):
+        status.values[f'{unit.name} trusted'] = 'yes' if is_trusted else 'no'
     if silent:
         status.worsen(WARN, f'no recent value from {", ".join(silent)}: the model goes on alone')
+    if refused:
+        status.worsen(WARN, f'only late or refused values from {", ".join(refused)}')
+    reasons = '; '.join(f'{name}: {cause}' for name, cause in faults.causes.items())
+    if faults.uses_joints_only:
+        message = 'sensors contradict each other or the joints: the estimate uses the joints alone'
+        status.worsen(WARN, f'{message}{f" ({reasons})" if reasons else ""}')
+    elif reasons:
+        status.worsen(WARN, f'excluded: {reasons}')
     return status
