@@ -107,11 +107,11 @@ class SensorFaults:
     the model does not have, biases of values, and errors e of stiffness and load as steady shares
     of the elastic forces. A hypothesis has the score
 
-        J = sum over the window of (nu^T S^-1 nu - c k) + e^T P0^-1 e
+        J = sum over the values, and over the window, of (nu^2 / s - c) + e^T P0^-1 e
 
-    with nu the k innovations of an instant, S their covariance and c `tolerance`; the sum begins
-    again where it is negative. It is the excess of chi-squared, and the improbability of the
-    errors that explain the data. The difference of two
+    with nu the innovation of a value, s its variance after the values before it, and c
+    `tolerance`; the sum of a value begins again where it is negative. It is the excess of
+    chi-squared, and the improbability of the errors that explain the data. The difference of two
     scores is twice the logarithm of the likelihood ratio (A. S. Willsky, H. L. Jones, IEEE
     Transactions on Automatic Control 21, 1976).
     """
@@ -202,7 +202,7 @@ class SensorFaults:
             state, covariance = self._states[source], self._covariances[source]
         self._states = np.tile(state, (count, 1))
         self._covariances = np.tile(covariance, (count, 1, 1))
-        self._excess = np.zeros(count)
+        self._excess = np.zeros((count, len(self._unit_of)))
         self._open_since = math.nan  # since when no hypothesis is clearly the best
         # Since when excluded sensors agree, their mean square, and what has shown meanwhile.
         sensors = len(self.units)
@@ -265,15 +265,14 @@ class SensorFaults:
         unit = self._unit_of[places]
         used = np.ascontiguousarray(self._uses[:, unit])
         count = len(self._states)
-        innovations, variances = np.empty((2, count, len(places)))
-        chi = np.empty(count)
+        innovations, variances, chi = np.empty((3, count, len(places)))
         clip = self.tuning.clip_sigmas**2
         self._compare(
             self._states, self._covariances, rows, values - expected, squares, used, clip,
             innovations, variances, chi,
         )  # fmt: skip
-        self._excess += chi - self.tuning.tolerance * used.sum(axis=1)
-        np.maximum(self._excess, 0.0, out=self._excess)
+        excess = self._excess[:, places] + chi - self.tuning.tolerance
+        self._excess[:, places] = np.maximum(excess, 0.0)
         first = innovations[ALL]
         said = values - first
         self._note_agreement(unit, said - self._moments[places, 0], first, variances[ALL])
@@ -299,7 +298,8 @@ class SensorFaults:
             model.load_noise(least, self._load_error, steps),
             (2.0 * elapsed / MEMORY) * self._share_covariance,
         )  # fmt: skip
-        self._excess *= max(0.0, 1.0 - elapsed / tuning.window)
+        # Of sensors that are slower than the checks, as many values count.
+        self._excess *= 1.0 - min(elapsed, tuning.check_interval) / tuning.window
 
     def _transition(self, steps: int) -> tuple[Array, Array]:
         """Return the transition (3 m, 3 m) of some steps, and that of steady forces (3 m, m)."""
@@ -318,7 +318,7 @@ class SensorFaults:
         """How badly each hypothesis explains the data, as chi-squared (hypotheses,)."""
         shares = self._states[:, self._shares]
         improbable = ((shares @ self._share_weights) * shares).sum(axis=1)
-        return np.asarray(self._excess + improbable)
+        return np.asarray(self._excess.sum(axis=1) + improbable)
 
     # ---- decisions
 

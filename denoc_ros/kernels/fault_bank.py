@@ -74,7 +74,7 @@ def advance_filters(
 
 @kernel(
     'void(float64[:, ::1], float64[:, :, ::1], float64[:, ::1], float64[::1], float64[::1], '
-    'boolean[:, ::1], float64, float64[:, ::1], float64[:, ::1], float64[::1])'
+    'boolean[:, ::1], float64, float64[:, ::1], float64[:, ::1], float64[:, ::1])'
 )
 def compare_filters(
     states, covariances, rows, values, squares, used, clip, innovations, variances, chi
@@ -95,8 +95,8 @@ def compare_filters(
         Largest chi-squared of a value that counts: a filter is moved no further than by that.
     innovations, variances : (h, k) arrays
         Output: of all values, before the correction.
-    chi : (h,) array
-        Output: chi-squared of the values used, each at most the clip.
+    chi : (h, k) array
+        Output: chi-squared of each value after those before it, at most the clip; 0 of others.
     """
     count, size = states.shape
     number = rows.shape[0]
@@ -111,8 +111,8 @@ def compare_filters(
                     for i in range(size):
                         variance += row * covariances[h, j, i] * rows[k, i]
             innovations[h, k], variances[h, k] = missed, variance
-        chi[h] = 0.0
         for k in range(number):
+            chi[h, k] = 0.0
             if not used[h, k]:
                 continue
             missed, variance = values[k], squares[k]
@@ -128,7 +128,7 @@ def compare_filters(
                 variance += rows[k, j] * gain[j]
             square = missed * missed / variance
             weight = 1.0 if square <= clip else clip / square
-            chi[h] += weight * square
+            chi[h, k] = weight * square
             for i in range(size):
                 share = weight * gain[i] / variance
                 states[h, i] += share * missed

@@ -21,7 +21,7 @@ DRAWS = {'predictor': 500, 'feedforward': 600, 'shaper': 100, 'plant': 800}
 ALWAYS = ('possible', 'no tick fails', 'no trace')
 # laws that each node keeps in every draw
 LAWS = {
-    'predictor': ALWAYS,
+    'predictor': (*ALWAYS, 'not silent', 'error is bounded', 'sensor is named'),
     'feedforward': (*ALWAYS, 'not silent'),
     'shaper': (*ALWAYS, 'not silent'),
     'plant': (*ALWAYS, 'not silent'),
