@@ -277,7 +277,9 @@ class _ResultReader(MappingReader):
     def result(self, document: Document) -> None:
         if document['kind'] == 'modal':
             for whose, mode in self.entries('modes', document.setdefault('modes', [])):
-                values = {**dict.fromkeys(MODE_RULES), **self.mapping(whose, mode)}
+                # A mode without an interval is one of which the interval is not known.
+                known = {'interval': [None, None], **self.mapping(whose, mode)}
+                values = {**dict.fromkeys(MODE_RULES), **known}
                 self.check(f'{whose}.', values, MODE_RULES)
                 if not self.findings:
                     numbers = {name: _number(values[name]) for name in MAY_BE_NULL}
