@@ -183,7 +183,9 @@ class AmplitudeFilter:
             The amplitudes are where the model has no vibration: the state has left all bounds.
         """
         posture = q[self._joints]
-        if len(posture) and np.abs(posture - self._posture).max() < TURN:
+        turned = posture - self._posture
+        # The sum of squares is quicker to find than the largest, and is not smaller.
+        if len(posture) and (turned.dot(turned) < TURN**2 or np.abs(turned).max() < TURN):
             return
         self._posture = posture
         m, h = self._m, self._step
