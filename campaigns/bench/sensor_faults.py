@@ -59,7 +59,7 @@ SSRMS_EVERY = 5  # Of so many draws one is of the SSRMS, the others are of the C
 DURATION_S = 8.0
 SAMPLE_S, TICK_S = 0.004, 0.01  # s between messages, and between ticks of the observer
 MOVES = 6  # of a joint in a draw, at most
-FAULT_BEGIN_S = 1.0
+FAULT_BEGIN_S, FAULT_END_S = 1.0, 3.0  # Only some faults end.
 FALSE_ALARM_SHARE = 0.02  # of the draws, at most
 ALARM_S = 0.5  # A healthy sensor that is not used for longer counts as a false alarm.
 NICENESS = 10
@@ -80,7 +80,10 @@ CASES: dict[str, tuple[tuple[str, float], ...]] = {
     'unit': (('unit', 1.0),),
     'swapped': (('swapped', 1.0),),
     'both of a link': (('inverted', 1.0), ('inverted', 1.0)),
+    'inverted, ends': (('inverted', 1.0),),
+    'both of a link, ends': (('inverted', 1.0), ('inverted', 1.0)),
 }
+ENDING = tuple(case for case in CASES if case.endswith(', ends'))
 
 Document = dict[str, Any]
 
@@ -126,12 +129,16 @@ class Finding:
     ratio : float
         Error of the worst deflection over that of an observer without the faulty sensor; of
         several faulty sensors, over that of the joints alone.
+    again : float
+        From the end of the fault until all sensors are used for the rest of the draw [s]; inf:
+        never.
     """
 
     case: str
     seconds: float
     is_named: bool
     ratio: float
+    again: float
 
 
 @dataclass(frozen=True)
@@ -323,8 +330,12 @@ class Trial:
         faults = faults_of(case, self.scene, self.seed)
         draw = Draw(self.seed, 1.0 / SAMPLE_S, faults)
         streams = faulty_streams(draw, self.good, self.scene.signals, self.scene.noise)
-        outcome = observed(self.scene, in_order(streams), tuning)
         missing = faulty_gauges(faults)
+        if case in ENDING:
+            for gauge in missing:
+                both = zip(streams[gauge], self.good[gauge], strict=True)
+                streams[gauge] = [bad if bad.stamp < FAULT_END_S else good for bad, good in both]
+        outcome = observed(self.scene, in_order(streams), tuning)
         bad = np.array([gauge in missing for gauge in self.scene.noise])
         found = outcome.excluded[:, bad].any(axis=1)
         if len(missing) > 1:
@@ -334,7 +345,11 @@ class Trial:
         seconds = float(ticks[at[0]]) - FAULT_BEGIN_S if len(at) else np.inf
         wrong = TICK_S * outcome.excluded[:, ~bad].sum(axis=0).max(initial=0)
         ratio = self.error(outcome) / self._error_without(missing)
-        return Finding(case, seconds, bool(len(at) and wrong <= ALARM_S), float(ratio.max()))
+        unused = np.flatnonzero(outcome.excluded.any(axis=1) | outcome.by_joints)
+        last = float(ticks[unused[-1]]) if len(unused) else 0.0
+        again = max(last - FAULT_END_S, 0.0) if last < ticks[-1] else np.inf
+        is_named = bool(len(at) and wrong <= ALARM_S)
+        return Finding(case, seconds, is_named, float(ratio.max()), again)
 
     def error(self, outcome: Outcome) -> Array:
         """Return the rms errors of the deflections that move, from the fault on."""
@@ -379,8 +394,10 @@ def variants() -> Iterator[tuple[str, FaultTuning]]:
 
 def sensitivity(seed: int) -> Document:
     """Return the alarms of a draw, and what becomes of some faults, for each variant."""
-    trial, names = Trial(seed), list(CASES)
-    cases = [names[(seed * SENSITIVITY_CASES + k) % len(names)] for k in range(SENSITIVITY_CASES)]
+    trial, lasting = Trial(seed), [case for case in CASES if case not in ENDING]
+    first = seed * SENSITIVITY_CASES
+    cases = [lasting[(first + k) % len(lasting)] for k in range(SENSITIVITY_CASES)]
+    cases += ENDING
     return {
         'seed': seed,
         'robot': trial.scene.robot,
@@ -417,6 +434,7 @@ def finding_row(findings: Sequence[Finding]) -> Document:
     """Return the measures of some findings."""
     seconds = [each.seconds for each in findings]
     ratios = [each.ratio for each in findings]
+    ended = [each.again for each in findings if each.case in ENDING]
     return {
         'faults': len(findings),
         'median [s]': _short(_quantile(seconds, 0.5)),
@@ -424,6 +442,7 @@ def finding_row(findings: Sequence[Finding]) -> Document:
         'named': _short(sum(each.is_named for each in findings) / len(findings)),
         'median ratio': _short(_quantile(ratios, 0.5)),
         'largest ratio': _short(max(ratios)),
+        'used again [s]': _short(_quantile(ended, 0.5)) if ended else '',
     }
 
 
