@@ -493,16 +493,18 @@ def main() -> int:
         '--sensitivity', action='store_true', help='halve and double each threshold'
     )
     parser.add_argument('--workers', type=int, default=2)
-    parser.add_argument('--json', type=Path, help='the results of all draws')
+    parser.add_argument('--json', type=Path, help='the results of all draws; it grows with each')
     args = parser.parse_args()
     # Matrices are small: more threads would wait for each other.
     os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
     context = multiprocessing.get_context('spawn')
     seeds = range(args.first, args.first + args.count)
+    draws: list[Document] = []
     with ProcessPoolExecutor(args.workers, context, os.nice, (NICENESS,)) as pool:
-        draws = list(pool.map(sensitivity if args.sensitivity else benchmark, seeds))
-    if args.json is not None:
-        args.json.write_text(json.dumps(draws, indent=1), encoding='utf-8')
+        for draw in pool.map(sensitivity if args.sensitivity else benchmark, seeds):
+            draws.append(draw)
+            if args.json is not None:
+                args.json.write_text(json.dumps(draws, indent=1), encoding='utf-8')
     if args.sensitivity:
         print(text_table(variant_rows(draws)))
         return 0
