@@ -138,6 +138,7 @@ class AmplitudeFilter:
         self.damping: Array = robot.damping[self._flexible]
         self._m = m = len(self._flexible)
         self._shape, self._first, lengths = load_shapes(robot)
+        self._independent: Array = self._shape + (1.0 - SPREAD**2) * np.eye(m)
         force = self.stiffness[self._first] * initial_deflection * lengths
         self._start_force: Array = force
         self._floor = np.zeros(m)
@@ -283,8 +284,7 @@ class AmplitudeFilter:
         """
         force = error * self.stiffness[self._first] * envelope[self._first]
         deviation = np.hypot(force, self._floor)
-        shape = self._shape + (1.0 - SPREAD**2) * np.eye(self._m)
-        gained = (1.0 - self.decay ** (2 * steps)) * shape
+        gained = (1.0 - self.decay ** (2 * steps)) * self._independent
         return np.asarray(deviation[:, None] * gained * deviation)
 
     def shared(self, amplitudes: Array) -> Array:

@@ -285,8 +285,10 @@ class StrainFusion:
             first = waiting[0][0]
             count = bisect.bisect_right(waiting, (first + near, len(self.names), 0.0))
             group, waiting[:count] = waiting[:count], []
-            on_beams = [value for value in group if value[1] < self._beams]
-            inertial = [value for value in group if value[1] >= self._beams]
+            on_beams, inertial = group, []
+            if self.inertial.names:
+                on_beams = [value for value in group if value[1] < self._beams]
+                inertial = [value for value in group if value[1] >= self._beams]
             if trail.last - first > self._max_age or first < trail.first - near:
                 self._late(on_beams)
             elif on_beams:

@@ -323,8 +323,10 @@ class Observer:
 
     def _load(self, q: Array, qd: Array, ahead: float = 0.0) -> None:
         """Let the forces act that sensors show, so long after a state (n,) [s]."""
-        if self.fusion is not None:
-            self._tau[self._flexible] = self.fusion.forces(q, qd, ahead)
+        fusion = self.fusion
+        if fusion is not None:
+            forces = fusion.loads if self._steady else fusion.forces(q, qd, ahead)
+            self._tau[self._flexible] = forces
 
     def _measured_accelerations(self, time: float, q: Array, qd: Array) -> tuple[Robot, Array]:
         """Return the robot at a time, and its accelerations (n,)."""

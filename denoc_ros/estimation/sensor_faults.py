@@ -152,7 +152,7 @@ class SensorFaults:
         """Trust all sensors; the next values start the filters."""
         self.trusted: Flags = np.ones(len(self.units), dtype=np.bool_)
         self.causes: dict[str, str] = {}
-        self._moments = np.zeros((len(self._unit_of), 5))  # of expected and measured values
+        self._moments = np.zeros((5, len(self._unit_of)))  # of expected and measured values
         self._patiences = np.full(len(self.units), 0.5 * self._patience)
         self._trial_time = 0.5 * self.tuning.trial_time
         self._load_error = self.tuning.unsteady_error * self._model_error
@@ -277,7 +277,7 @@ class SensorFaults:
         np.maximum(self._excess, 0.0, out=self._excess)
         first = innovations[ALL]
         said = values - first
-        self._note_agreement(unit, said - self._moments[places, 0], first, variances[ALL])
+        self._note_agreement(unit, said - self._moments[0, places], first, variances[ALL])
         self._note_moments(places, unit, values, innovations)
         return self._decide(stamp)
 
@@ -445,15 +445,15 @@ class SensorFaults:
         """Collect mean values and products of expected and measured values, for a description."""
         share = self.tuning.check_interval / self.tuning.long_window
         said = values - innovations[self._row_without[unit], self._columns[: len(places)]]
-        samples = np.stack((said, values, said * said, said * values, values * values), axis=1)
-        moments = self._moments[places]
-        self._moments[places] = moments + share * (samples - moments)
+        samples = np.array((said, values, said * said, said * values, values * values))
+        moments = self._moments[:, places]
+        self._moments[:, places] = moments + share * (samples - moments)
 
     def _describe(self, index: int) -> str:
         """Describe how a sensor differs from the expectation of the others."""
         worst = ''
         for place in self.units[index].places:
-            said, value, said2, product, value2 = self._moments[place]
+            said, value, said2, product, value2 = self._moments[:, place]
             varies, measured = said2 - said * said, value2 - value * value
             if measured <= 1e-4 * varies:
                 return 'its value does not change'
