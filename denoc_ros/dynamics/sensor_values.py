@@ -10,6 +10,7 @@ step; inverse dynamics of a robot with such shapes, held at rest, gives them all
 
 from __future__ import annotations
 
+import operator
 from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import replace
@@ -145,7 +146,7 @@ class OutboardLoads:
         cut, loads = self._cut, robot._payloads
         if (
             self._payloads.keys() != loads.keys()
-            or any(self._payloads[frame] is not load for frame, load in loads.items())
+            or not all(map(operator.is_, self._payloads.values(), loads.values()))
             or self._factors != robot._load_factors
         ):
             cut._take_payloads(robot)

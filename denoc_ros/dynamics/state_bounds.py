@@ -80,7 +80,8 @@ class StateBounds:
             robot, posture, robot.flexible_indices if free is None else free
         )
         self._rate_rows = self._rows / self._highest
-        self._values, self._rates = np.zeros((2, len(self._bounds)))
+        self._shares = np.zeros(2 * len(self._bounds))
+        self._values, self._rates = self._shares.reshape(2, -1)
 
     def require(self, q: Array, qd: Array) -> None:
         """Refuse coordinates and rates (n,) that the robot cannot have.
@@ -95,7 +96,7 @@ class StateBounds:
             self._rows.dot(q, out=values)
             self._rate_rows.dot(qd, out=rates)
             # The sum of squares is the quickest to compute; it is NaN where a value is.
-            if values.dot(values) + rates.dot(rates) <= 1.0:
+            if self._shares.dot(self._shares) <= 1.0:
                 return
         for shares, factor, of in ((values, 1.0, ''), (rates, self._highest, 'rate of ')):
             if not (np.abs(shares) <= 1.0).all():

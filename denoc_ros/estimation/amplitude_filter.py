@@ -138,6 +138,7 @@ class AmplitudeFilter:
         self.damping: Array = robot.damping[self._flexible]
         self._m = m = len(self._flexible)
         self._shape, self._first, lengths = load_shapes(robot)
+        self._independent: Array = self._shape + (1.0 - SPREAD**2) * np.eye(m)
         force = self.stiffness[self._first] * initial_deflection * lengths
         self._start_force: Array = force
         self._floor = np.zeros(m)
@@ -183,7 +184,9 @@ class AmplitudeFilter:
             The amplitudes are where the model has no vibration: the state has left all bounds.
         """
         posture = q[self._joints]
-        if len(posture) and np.abs(posture - self._posture).max() < TURN:
+        turned = posture - self._posture
+        # The sum of squares is quicker to find than the largest, and is not smaller.
+        if len(posture) and (turned.dot(turned) < TURN**2 or np.abs(turned).max() < TURN):
             return
         self._posture = posture
         m, h = self._m, self._step
@@ -281,8 +284,7 @@ class AmplitudeFilter:
         """
         force = error * self.stiffness[self._first] * envelope[self._first]
         deviation = np.hypot(force, self._floor)
-        shape = self._shape + (1.0 - SPREAD**2) * np.eye(self._m)
-        gained = (1.0 - self.decay ** (2 * steps)) * shape
+        gained = (1.0 - self.decay ** (2 * steps)) * self._independent
         return np.asarray(deviation[:, None] * gained * deviation)
 
     def shared(self, amplitudes: Array) -> Array:

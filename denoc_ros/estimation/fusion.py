@@ -184,7 +184,8 @@ class StrainFusion:
         self.counts: list[Counter[str]] = [Counter() for _ in self.names]
         self.heard, self.used = np.full((2, len(self.names)), np.nan)
         self._refused_since = np.full(len(self.names), np.nan)
-        self._behind = np.full(len(self.names), np.nan)  # the joints, at least [s]
+        self._behind = [math.nan] * len(self.names)  # the joints, at least [s]
+        self._creep = CREEP * step
         self._time = math.nan  # of the covariance
 
     def reset(self, time: float, q: Array, qd: Array) -> None:
@@ -246,8 +247,10 @@ class StrainFusion:
         if not (math.isfinite(value) and math.isfinite(stamp)):
             counts['not_finite'] += 1
             return False
-        behind = max(self._trail.last - stamp, 0.0) if len(self._trail) else 0.0
-        crept, heard = self._behind[place] + CREEP * self._step, self.heard[place]
+        behind = self._trail.last - stamp
+        if not behind > 0.0:  # NaN without a state
+            behind = 0.0
+        crept, heard = self._behind[place] + self._creep, self.heard.item(place)
         self._behind[place] = crept if crept < behind else behind  # at first it is NaN
         if stamp == heard:
             counts['repeated'] += 1
@@ -263,8 +266,10 @@ class StrainFusion:
     def correct(self, q: Array, qd: Array) -> None:
         """Correct the newest state (n,) in place by the values that it has come up to."""
         waiting, trail, near = self._waiting, self._trail, 0.5 * self._step
+        if not waiting or waiting[0][0] > trail.last + near:
+            return
         until = trail.last + near - self._hold()
-        if not waiting or waiting[0][0] > until:
+        if waiting[0][0] > until:
             return
         self.filter.linearize(q)
         if self._bent is not None:
@@ -280,8 +285,10 @@ class StrainFusion:
             first = waiting[0][0]
             count = bisect.bisect_right(waiting, (first + near, len(self.names), 0.0))
             group, waiting[:count] = waiting[:count], []
-            on_beams = [value for value in group if value[1] < self._beams]
-            inertial = [value for value in group if value[1] >= self._beams]
+            on_beams, inertial = group, []
+            if self.inertial.names:
+                on_beams = [value for value in group if value[1] < self._beams]
+                inertial = [value for value in group if value[1] >= self._beams]
             if trail.last - first > self._max_age or first < trail.first - near:
                 self._late(on_beams)
             elif on_beams:
@@ -292,7 +299,7 @@ class StrainFusion:
                 self._take_inertial(inertial, q, qd)
         if self._has_to_follow:
             self._follow_hypothesis(q)
-        newest = trail.since(trail.last)[1][0]
+        newest = trail.at(trail.last)
         q[self._flexible] = newest[: self._m]
         qd[self._flexible] = newest[self._m :]
 
@@ -321,14 +328,12 @@ class StrainFusion:
         self._refused_since[:] = np.nan
 
     def _check(
-        self, stamp: float, places: list[int], values: Array, rows: Array, deviations: Array
-    ) -> None:
+        self, stamp: float, places: NDArray[np.intp], values: Array, rows: Array, squares: Array,
+        base: Array,
+    ) -> None:  # fmt: skip
         """Look for faults in values of a time [s], less their parts that depend on no state."""
-        if self.faults.is_due(stamp) and len(self._base):
-            base = self._by_joints(stamp)
-            at = np.array(places)
-            if self.faults.check(stamp, at, values, rows, deviations, base):
-                self._has_to_follow = True
+        if self.faults.check(stamp, places, values, rows, squares, base):
+            self._has_to_follow = True
 
     def _trusted(self, group: list[Value]) -> list[Value]:
         """Return the values of a group that the estimate may use; count the others."""
@@ -348,10 +353,11 @@ class StrainFusion:
         """
         if self.inertial.names:
             return 0.0
-        newest, most = self._trail.last, self._max_age
-        behind, heard = self._behind.tolist(), self.heard.tolist()
-        late = [lag for lag, at in zip(behind, heard, strict=True) if newest - at <= most]
-        return max(late, default=0.0)
+        oldest, most = self._trail.last - self._max_age, 0.0
+        for lag, at in zip(self._behind, self.heard.tolist(), strict=True):
+            if lag > most and at >= oldest:
+                most = lag
+        return most
 
     def _find_moments(self, q: Array, qd: Array) -> None:
         """Find the gauges' part beyond the shapes at the newest state (n,), and its rate.
@@ -369,7 +375,7 @@ class StrainFusion:
             reading.moved[:, :m] = -by_force * model.stiffness
             reading.moved[:, m : 2 * m] = -by_force * model.damping
             reading.moved[:, 2 * m :] = by_force
-        now = np.concatenate((q[self._flexible], qd[self._flexible], self.loads))
+        now = np.concatenate((self._trail.at(self._trail.last), self.loads))
         reading.constant[:] = self._shift + reading.beyond - reading.moved @ now
 
     def _late(self, group: list[Value]) -> None:
@@ -396,13 +402,15 @@ class StrainFusion:
         values += rows @ expected - rows[:, known] @ self.biases
         moved = (self._settings.timing_error + np.abs(ages)) * change
         noise = np.sqrt(inertial.noise[which] ** 2 + moved**2 + inertial.uncertain[which] ** 2)
-        # A sensor may have sent several.
-        at = list({place: k for k, (_, place, _) in enumerate(group)}.values())
-        of_model = np.ascontiguousarray(rows[at, : 4 * m + len(self.biases)])
-        # Its noise is far below the model's error of a specific force: an error as large as a
-        # bias is no fault.
-        least = np.hypot(noise[at], inertial.bias[which][at])
-        self._check(now, [group[k][1] for k in at], values[at], of_model, least)
+        if self.faults.is_due(now) and len(self._base):
+            # A sensor may have sent several.
+            at = list({place: k for k, (_, place, _) in enumerate(group)}.values())
+            of_model = np.ascontiguousarray(rows[at, : 4 * m + len(self.biases)])
+            # Its noise is far below the model's error of a specific force: an error as large as a
+            # bias is no fault.
+            squares = noise[at] ** 2 + inertial.bias[which][at] ** 2
+            places = np.array([group[k][1] for k in at])
+            self._check(now, places, values[at], of_model, squares, self._by_joints(now))
         kept = [k for k, value in enumerate(group) if self.faults.uses(value[1])]
         if len(kept) < len(group):
             group = self._trusted(group)
@@ -437,7 +445,7 @@ class StrainFusion:
     def _take(self, group: list[Value], q: Array) -> None:
         """Correct the trail from the values' stamp on, and the loads."""
         stamp = group[0][0]
-        if self.faults.is_due(stamp):
+        if self.faults.is_due(stamp) and len(self._base):
             self._check_beams(stamp, group)
         group = self._trusted(group)
         if not group:
@@ -458,18 +466,19 @@ class StrainFusion:
 
     def _check_beams(self, stamp: float, group: list[Value]) -> None:
         """Look for faults in values of sensors on beams of a time [s]."""
-        reading, m = self._reading, self._m
+        reading, m, base = self._reading, self._m, self._by_joints(stamp)
         newest = {place: value for _, place, value in group}  # a sensor may have sent several
-        places = list(newest)
+        places = np.array(list(newest))
+        shapes = reading.shapes[places]
         rows = np.zeros((len(places), 4 * m + len(self.biases)))
         rows[:, : 3 * m] = reading.moved[places]
-        rows[:, :m] += reading.shapes[places]
+        rows[:, :m] += shapes
         values = np.array(list(newest.values())) - reading.constant[places]
-        speed = reading.shapes[places] @ self._by_joints(stamp)[m:] if len(self._base) else 0.0
         timing_error = max(reading.timing_error, self.faults.tuning.timing_error)
-        square = reading.noise[places] ** 2 + (timing_error * speed) ** 2
-        square += (reading.model_error * reading.beyond[places]) ** 2
-        self._check(stamp, places, values, rows, np.sqrt(square))
+        moved = timing_error * (shapes @ base[m:])
+        unsure = reading.model_error * reading.beyond[places]
+        squares = reading.noise[places] ** 2 + moved * moved + unsure * unsure
+        self._check(stamp, places, values, rows, squares, base)
 
     def _go_on(self, stamp: float, state: Array, q: Array) -> None:
         """Bring the covariance to a stamp, unless it is there."""

@@ -23,6 +23,7 @@ from denoc_ros.estimation.fusion import StrainFusion
 from denoc_ros.estimation.observer_settings import ObserverSettings
 from denoc_ros.estimation.tracking import TrackingFilter, joining_acceleration
 from denoc_ros.kernels.articulated import articulated_dynamics
+from denoc_ros.kernels.compiled import entry
 from denoc_ros.kernels.driven_step import BANDWIDTH, INTERVAL, MEASURED, SHORTEST, STEP
 from denoc_ros.kernels.driven_step import MOST_STEPS as MOST
 from denoc_ros.types import Array
@@ -120,6 +121,7 @@ class Observer:
         self.q, self.qd, self.q_ahead, self.qd_ahead = np.zeros((4, robot.n))
         self._q, self._qd = np.zeros((2, robot.n))  # at the last measurement
         self._held = robot.held(robot.joint_indices)
+        self._articulated = entry(articulated_dynamics)
         self._tau = np.zeros(robot.n)  # efforts, and loads that sensors show
         self.fusion: StrainFusion | None = None
         self._alone: Observer | None = None  # by the joints alone: no sensor can disturb it
@@ -306,9 +308,10 @@ class Observer:
         bool
             False if it was refused, or sensors are not fused, or nothing has started.
         """
-        if self.fusion is None or not self.started:
+        fusion = self.fusion
+        if fusion is None or self.time != self.time:  # no measurement has started it
             return False
-        return self.fusion.sense(place, stamp, value)
+        return fusion.sense(place, stamp, value)
 
     def _fuse(self) -> None:
         if self.fusion is not None:
@@ -320,8 +323,10 @@ class Observer:
 
     def _load(self, q: Array, qd: Array, ahead: float = 0.0) -> None:
         """Let the forces act that sensors show, so long after a state (n,) [s]."""
-        if self.fusion is not None:
-            self._tau[self._flexible] = self.fusion.forces(q, qd, ahead)
+        fusion = self.fusion
+        if fusion is not None:
+            forces = fusion.loads if self._steady else fusion.forces(q, qd, ahead)
+            self._tau[self._flexible] = forces
 
     def _measured_accelerations(self, time: float, q: Array, qd: Array) -> tuple[Robot, Array]:
         """Return the robot at a time, and its accelerations (n,)."""
@@ -340,13 +345,14 @@ class Observer:
         if self.base is not None:
             robot.move_base(self.base(time))
         qdd, given, torque = np.zeros((3, robot.n))
+        joints = robot.joint_indices
         wanted = self.motion.given_accelerations(self._filter.qdd)
-        given[robot.joint_indices] = wanted
-        status = articulated_dynamics(
+        given[joints] = wanted
+        status = self._articulated(
             robot.handle, robot.armature, self._held, q, qd, given, self._tau, qdd, torque
         )
         raise_step_status(robot, status, q, qd, given, self._tau)
-        qdd[robot.joint_indices] = wanted
+        qdd[joints] = wanted
         return qdd
 
     def joint_torque(self) -> Array:

@@ -133,14 +133,13 @@ class SensorFaults:
         self._biases = biases
         self._shares = slice(3 * m + len(biases), 4 * m + len(biases))
         self._size = self._shares.stop
-        self._load_error = self.tuning.unsteady_error * model_error
+        self._model_error = model_error
         self._share_covariance = model.share_covariance(model_error, m)
         self._share_weights = np.linalg.inv(self._share_covariance)
         self._unit_of = np.zeros(sum(len(unit.places) for unit in units), dtype=np.intp)
         for index, unit in enumerate(units):
             self._unit_of[list(unit.places)] = index
         self._columns = np.arange(len(self._unit_of))
-        self._samples = np.zeros((len(self._unit_of), 5))
         self._forward, self._compare = entry(advance_filters), entry(compare_filters)
         self._states: Array = np.zeros((0, self._size))
         self._covariances: Array = np.zeros((0, self._size, self._size))
@@ -153,9 +152,10 @@ class SensorFaults:
         """Trust all sensors; the next values start the filters."""
         self.trusted: Flags = np.ones(len(self.units), dtype=np.bool_)
         self.causes: dict[str, str] = {}
-        self._moments = np.zeros((len(self._unit_of), 5))  # of expected and measured values
+        self._moments = np.zeros((5, len(self._unit_of)))  # of expected and measured values
         self._patiences = np.full(len(self.units), 0.5 * self._patience)
         self._trial_time = 0.5 * self.tuning.trial_time
+        self._load_error = self.tuning.unsteady_error * self._model_error
         self.active, self._is_trial = ALL, False
         self.restart()
 
@@ -174,7 +174,7 @@ class SensorFaults:
     @property
     def uses_all(self) -> bool:
         """Whether the estimate uses all sensors."""
-        return self.active == ALL and bool(self.trusted.all())
+        return self.active == ALL and self._excludes_none
 
     @property
     def uses_joints_only(self) -> bool:
@@ -194,6 +194,7 @@ class SensorFaults:
         # By sensor, the filter that leaves out this one only; that of all if it is excluded.
         self._row_without = np.zeros(len(self.units), dtype=np.intp)
         self._row_without[trusted] = np.arange(1, count)
+        self._excludes_none = count > len(self.units)
         self._uses = np.tile(self.trusted, (count, 1))
         for row, index in enumerate(left_out[1:], 1):
             self._uses[row, index] = False
@@ -233,7 +234,7 @@ class SensorFaults:
 
     def check(
         self, stamp: float, places: NDArray[np.intp], values: Array, rows: Array,
-        deviations: Array, base: Array,
+        squares: Array, base: Array,
     ) -> bool:  # fmt: skip
         """Compare values of one time with all hypotheses.
 
@@ -246,8 +247,8 @@ class SensorFaults:
             Measured values less their parts that do not depend on the state.
         rows : (k, s) array
             Their derivatives by the state [d; d'; f; b; e] of the robot.
-        deviations : (k,) array
-            Standard deviations.
+        squares : (k,) array
+            Variances of their errors.
         base : (2 m,) array
             Amplitudes and rates by the joints alone, at that time.
 
@@ -261,21 +262,21 @@ class SensorFaults:
         else:
             self._advance(stamp, base)
         expected = rows[:, : 2 * self._m] @ base
-        squares = deviations**2 + (self.tuning.shape_error * expected) ** 2
+        misshapen = self.tuning.shape_error * expected
         unit = self._unit_of[places]
         used = np.ascontiguousarray(self._uses[:, unit])
         count = len(self._states)
         innovations, variances, chi = np.empty((3, count, len(places)))
         clip = self.tuning.clip_sigmas**2
         self._compare(
-            self._states, self._covariances, rows, values - expected, squares, used, clip,
-            innovations, variances, chi,
+            self._states, self._covariances, rows, values - expected,
+            squares + misshapen * misshapen, used, clip, innovations, variances, chi,
         )  # fmt: skip
         excess = self._excess[:, places] + chi - self.tuning.tolerance
         self._excess[:, places] = np.maximum(excess, 0.0)
         first = innovations[ALL]
         said = values - first
-        self._note_agreement(unit, said - self._moments[places, 0], first, variances[ALL])
+        self._note_agreement(unit, said - self._moments[0, places], first, variances[ALL])
         self._note_moments(places, unit, values, innovations)
         return self._decide(stamp)
 
@@ -306,11 +307,11 @@ class SensorFaults:
         of_one = self._model.linear_steps
         if self._power[0] is not of_one or self._power[1] != steps:
             one, push = of_one
-            whole, pushed = np.eye(len(one)), np.zeros_like(push)
-            for _ in range(steps):
-                pushed = one @ pushed + push
-                whole = one @ whole
-            self._power = of_one, steps, whole, pushed
+            size, count = push.shape
+            steady = np.eye(size + count)  # of the forces
+            steady[:size, :size], steady[:size, size:] = one, push
+            power = np.linalg.matrix_power(steady, steps)
+            self._power = of_one, steps, power[:size, :size].copy(), power[:size, size:].copy()
         return self._power[2], self._power[3]
 
     @property
@@ -324,12 +325,12 @@ class SensorFaults:
 
     def _decide(self, now: float) -> bool:
         """Say whether the estimate has to follow another filter from now [s] on."""
-        tuning, scores = self.tuning, self.scores
         if self._readmit(now):
             return True
+        tuning, scores = self.tuning, self.scores.tolist()
         # Once sensors contradict each other, they agree only well below the threshold.
         least = tuning.evidence if self.active == ALL else 0.5 * tuning.evidence
-        singles = sorted(range(1, len(self._left_out)), key=lambda row: float(scores[row]))
+        singles = sorted(range(1, len(scores)), key=scores.__getitem__)
         if not singles or (scores[ALL] - scores[singles[0]] < least and scores[ALL] < 2.0 * least):
             self._open_since = math.nan
             return self._use_all(now, scores)
@@ -348,7 +349,7 @@ class SensorFaults:
         was_active, self.active = self.active, JOINTS
         return was_active != JOINTS
 
-    def _use_all(self, now: float, scores: Array) -> bool:
+    def _use_all(self, now: float, scores: list[float]) -> bool:
         """Follow all trusted sensors; after a contradiction of all once they have agreed."""
         tuning = self.tuning
         if self.active == ALL or (
@@ -406,7 +407,7 @@ class SensorFaults:
         tuning = self.tuning
         shown = (tuning.agreement_scale * changes) ** 2 / variances
         self._shown_by_all += float(shown.sum())
-        if len(self._uses) > len(self.units):  # none is excluded
+        if self._excludes_none:
             return
         share = tuning.check_interval / tuning.long_window
         squares = innovations**2 / variances
@@ -422,7 +423,7 @@ class SensorFaults:
 
     def _readmit(self, now: float) -> bool:
         """Trust excluded sensors again that have agreed for long and clearly enough."""
-        if len(self._uses) > len(self.units):  # none is excluded
+        if self._excludes_none:
             return False
         good = (
             ~self.trusted
@@ -444,17 +445,15 @@ class SensorFaults:
         """Collect mean values and products of expected and measured values, for a description."""
         share = self.tuning.check_interval / self.tuning.long_window
         said = values - innovations[self._row_without[unit], self._columns[: len(places)]]
-        moments = self._moments[places]
-        samples = self._samples[: len(places)]
-        samples[:, 0], samples[:, 1] = said, values
-        samples[:, 2], samples[:, 3], samples[:, 4] = said * said, said * values, values * values
-        self._moments[places] = moments + share * (samples - moments)
+        samples = np.array((said, values, said * said, said * values, values * values))
+        moments = self._moments[:, places]
+        self._moments[:, places] = moments + share * (samples - moments)
 
     def _describe(self, index: int) -> str:
         """Describe how a sensor differs from the expectation of the others."""
         worst = ''
         for place in self.units[index].places:
-            said, value, said2, product, value2 = self._moments[place]
+            said, value, said2, product, value2 = self._moments[:, place]
             varies, measured = said2 - said * said, value2 - value * value
             if measured <= 1e-4 * varies:
                 return 'its value does not change'

@@ -85,7 +85,12 @@ def record(name: str, known: bool) -> Recording:
 
 
 def recorded(
-    robot: dn.Robot, wanted: Callable[[float], tuple[Array, Array, Array]], end: float
+    robot: dn.Robot,
+    wanted: Callable[[float], tuple[Array, Array, Array]],
+    end: float,
+    step: float = STEP,
+    rtol: float = 1e-6,
+    method: str = 'DOP853',
 ) -> Recording:
     """Record a robot whose joints follow a motion from rest, undeformed."""
 
@@ -97,9 +102,11 @@ def recorded(
         return law
 
     laws = {joint: of(k) for k, joint in enumerate(robot.joint_names)}
-    times = np.arange(0.0, end, STEP)
+    times = np.arange(0.0, end, step)
     zero = np.zeros(robot.n)
-    run = dn.simulate(robot, zero, zero, times, prescribed=laws, rtol=1e-6, atol=1e-8)
+    run = dn.simulate(
+        robot, zero, zero, times, prescribed=laws, rtol=rtol, atol=0.01 * rtol, method=method
+    )
     accelerations = np.empty_like(run.q)
     accelerations[:, robot.joint_indices] = [wanted(t)[2] for t in times]
     given = accelerations[:, robot.joint_indices]

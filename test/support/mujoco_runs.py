@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
+
 import numpy as np
 from identification_runs import sweeping
 from scipy.interpolate import CubicSpline
@@ -16,6 +18,38 @@ from denoc_ros.types import Array
 STEP, EVERY = 1e-3, 5  # s of the plant, and its steps from sample to sample
 BAND = 2.0 * np.pi * 0.5  # rad/s, of the joints' feedback
 POSITION, RATE = 1e-5, 1e-4  # rad, rad/s: noise of encoders
+
+Motion = tuple[Array, Array, Array]  # positions, rates and accelerations (joints,)
+
+
+def followed(
+    robot: Robot, wanted: Callable[[float], Motion], steps: int, every: int, hinges: int
+) -> Iterator[tuple[float, MujocoRobot, Array]]:
+    """Yield time [s], plant and effort (joints,) every so many steps of a followed motion.
+
+    The effort is the mean of those before and after the sample.
+    """
+    motion, at = driven_motion(robot), robot.joint_indices
+    zero = np.zeros(len(at))
+    plant = MujocoRobot(
+        robot,
+        robot.tree,
+        STEP,
+        robot.static_deflection(zero),
+        Drives(motion.given, motion.index, zero, zero),
+        MujocoSettings(hinges),
+    )
+    inertia = np.diag(robot.inertia_matrix(np.zeros(robot.n)))[at]
+    before, tau = zero, np.zeros(robot.n)
+    for k in range(steps):
+        now = k * STEP
+        q, qd, qdd = wanted(now)
+        pull = BAND**2 * (q - plant.q[at]) + 1.4 * BAND * (qd - plant.qd[at])
+        effort = inertia * (qdd + pull)
+        if k % every == 0:
+            yield now, plant, 0.5 * (before + effort)
+        tau[at] = before = effort
+        plant.free(tau)
 
 
 def chain_recording(
@@ -36,28 +70,17 @@ def chain_recording(
     noise : float
         Of effort and gauges, a share of their own deviation.
     """
-    motion, at = driven_motion(robot), robot.joint_indices
-    zero = np.zeros(len(at))
-    plant = MujocoRobot(
-        robot,
-        robot.tree,
-        STEP,
-        robot.static_deflection(zero),
-        Drives(motion.given, motion.index, zero, zero),
-        MujocoSettings(hinges),
-    )
+    at = robot.joint_indices
     t = np.arange(0.0, duration + 2.0 * STEP, STEP)
-    wanted = CubicSpline(t, size * sweeping(len(at), 1)(t))
-    inertia = np.diag(robot.inertia_matrix(np.zeros(robot.n)))[at]
-    rows, before, tau = [], zero, np.zeros(robot.n)
-    for k, now in enumerate(t[:-1]):
-        q, qd = plant.q[at].copy(), plant.qd[at].copy()
-        pull = BAND**2 * (wanted(now) - q) + 1.4 * BAND * (wanted(now, 1) - qd)
-        effort = inertia * (wanted(now, 2) + pull)
-        if k % EVERY == 0:  # the effort before and after a sample
-            rows.append((now, q, qd, 0.5 * (before + effort), plant.sensor_values().copy()))
-        tau[at] = before = effort
-        plant.free(tau)
+    path = CubicSpline(t, size * sweeping(len(at), 1)(t))
+
+    def wanted(now: float) -> Motion:
+        return path(now), path(now, 1), path(now, 2)
+
+    rows = [
+        (now, plant.q[at].copy(), plant.qd[at].copy(), effort, plant.sensor_values().copy())
+        for now, plant, effort in followed(robot, wanted, len(t) - 1, EVERY, hinges)
+    ]
     stamps, q, qd, effort, values = (np.array(part) for part in zip(*rows, strict=True))
     draw = np.random.default_rng(0)
 
