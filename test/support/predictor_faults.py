@@ -111,8 +111,8 @@ def robot_text() -> str:
 
 
 @cache
-def truth(name: str) -> Truth:
-    """Return a true motion."""
+def truth(name: str, end: float = END) -> Truth:
+    """Return a true motion up to a time [s]."""
     angles, period, exact = MOTIONS[name]
     robot = load('canadarm')
     if not exact:
@@ -125,7 +125,7 @@ def truth(name: str) -> Truth:
         path.sample(t, q, qd, qdd)
         return q, qd, qdd
 
-    data = recorded(robot, wanted, END + 2.0 * STEP)
+    data = recorded(robot, wanted, end + 2.0 * STEP)
     joints = robot.joint_indices
     at = data.run.t
     motion = np.hstack([data.run.q[:, joints] + TURNED, data.run.qd[:, joints]])
@@ -208,7 +208,7 @@ class PredictorFaults:
         refused[JOINTS] += observer.late + observer.repeated
         if observer.fusion is not None:
             for gauge, counts in zip(observer.fusion.names, observer.fusion.counts, strict=True):
-                refused[gauge] += counts.total() - counts['accepted'] - counts['believed']
+                refused[gauge] += counts.total() - counts['accepted']
         return Outcome(deflection, pose, reports, refused, spoilt, node._tick_guard.last)
 
     def _give(self, bench: HandFedNode, message: Message) -> None:
