@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -30,7 +31,6 @@ START_NS = 1_000_000_000
 PERIOD_NS = round(1e9 / RATE)
 INVERTED = GAUGES[0]
 MENDED_S, END_S = 0.8, 2.6
-Values = Callable[[float], Array]
 
 
 class SimulatedArm:
@@ -89,21 +89,43 @@ class SimulatedArm:
         self._clock.publish(Clock(clock=stamp))
 
 
-def test_inverted_gauge_is_named_and_excluded_until_it_agrees(graph: Any) -> None:
-    arm = SimulatedArm(graph, truth('exact', END_S))
-    node = graph.add(
+def predictor(graph: Any, **parameters: Any) -> Any:
+    """Return a predictor of the arm that fuses its gauges."""
+    return graph.add(
         PredictorNode, urdf_path=str(ROBOTS / 'canadarm_gauges.urdf'), gravity=[0.0, 0.0, 0.0],
         update_rate=RATE, use_sim_time=True, strain='fuse', payload__tool__mass=PAYLOAD,
+        **parameters,
     )  # fmt: skip
-    arm.until_listened(node)
 
-    def reported(level: bytes, *words: str) -> bool:
+
+def until_reported(graph: Any, level: bytes, *words: str) -> None:
+    """Wait for a status of the fusion with a level and words."""
+
+    def reported() -> bool:
         status = graph.diagnostics.get('predictor: fusion')
         return bool(status and status.level == level and all(w in status.message for w in words))
 
+    graph.until(reported)
+
+
+def test_inverted_gauge_is_named_and_excluded_until_it_agrees(graph: Any) -> None:
+    arm = SimulatedArm(graph, truth('exact', END_S))
+    arm.until_listened(predictor(graph))
     bound = FAULTY_FACTOR * ERROR_FLOOR
     assert arm.run(MENDED_S, {INVERTED: -1.0}).max() <= bound
-    graph.until(lambda: reported(WARN, 'excluded', INVERTED))
+    until_reported(graph, WARN, 'excluded', INVERTED)
     assert arm.run(END_S, {}).max() <= bound
-    graph.until(lambda: reported(OK, 'fusing'))
+    until_reported(graph, OK, 'fusing')
     assert graph.value('predictor: fusion', f'{INVERTED} trusted') == 'yes'
+
+
+def test_infinite_patience_never_uses_an_excluded_gauge_again(graph: Any) -> None:
+    arm = SimulatedArm(graph, truth('exact', END_S))
+    node = predictor(graph, fusion__patience=math.inf)
+    faults = node.observer.fusion.faults
+    # The longest time that a repeated failure makes: without it the test would take 16 s longer.
+    faults.tuning = replace(faults.tuning, longest_trial=0.2)
+    arm.until_listened(node)
+    arm.run(MENDED_S, {INVERTED: -1.0})
+    arm.run(END_S, {})
+    assert not faults.trusted[0]
