@@ -71,7 +71,7 @@ class SimulatedArm:
             )
             found = np.array(self.estimates[-1].position)
             errors.append(np.abs(found - self._true.deflection[self._ticks]) / self._true.peak)
-        return np.array(errors).max(axis=1)
+        return np.asarray(np.max(errors, axis=1))
 
     def _publish(self, tick: int, signs: dict[str, float] | None = None) -> None:
         true, time = self._true, np.array([tick / RATE])
