@@ -253,27 +253,29 @@ class Row:
     gauges: tuple[str, ...]  # that are faulty
     found: Outcome
     reference: Outcome  # without the faulty gauge; with several, of the joints alone
-    bound: tuple[float, ...]  # of the rms errors [m]
+    bound: tuple[float, ...]  # of the rms errors after detection [m]
     named_after: float  # s until the report that names them, NaN: never; one report a second
     silent: int  # reports OK after detection
 
     @property
     def is_good(self) -> bool:
-        within = all(rms <= bound for rms, bound in zip(self.found.rms, self.bound, strict=True))
+        within = all(
+            rms <= bound for rms, bound in zip(self.found.late_rms, self.bound, strict=True)
+        )
         return within and not self.silent and not (self.gauges and np.isnan(self.named_after))
 
     def cells(self) -> list[str]:
         """Return the row of the printed table; lengths in mm."""
         found, numbers = self.found, []
         for k in range(len(LINKS)):
-            each = (found.rms, found.largest, found.late_rms, self.reference.rms, self.bound)
+            each = (found.rms, found.largest, found.late_rms, self.reference.late_rms, self.bound)
             values = [of_links[k] for of_links in each]
             numbers += [' / '.join(f'{1e3 * value:.3g}' for value in values)]
-        texts = list(dict.fromkeys(text for _, level, text in found.reports if level != OK))
+        texts = [text for _, level, text in found.reports if level != OK]
         named = '-' if np.isnan(self.named_after) else f'{self.named_after:.1f} s'
         last = f'{self.silent} OK' if self.gauges else f'{len(texts)} warnings'
         good = 'yes' if self.is_good else 'NO'
-        return [self.name, *numbers, named, last, '<br>'.join(texts), good]
+        return [self.name, *numbers, named, last, *(texts[-1:] or ['-']), good]
 
 
 def table_row(name: str, begin: float) -> Row:
@@ -284,7 +286,9 @@ def table_row(name: str, begin: float) -> Row:
         run(motion, begin, *given) for given in ((faults, ()), ((), gauges), ((), ()))
     )
     factor = ALL_FAULTY_FACTOR if len(gauges) > 1 else FAULTY_FACTOR
-    bound = tuple(factor * max(pair) for pair in zip(reference.rms, normal.rms, strict=True))
+    bound = tuple(
+        factor * max(pair) for pair in zip(reference.late_rms, normal.late_rms, strict=True)
+    )
     # Several faulty gauges leave no majority that could name them.
     named = [
         at
@@ -298,8 +302,8 @@ def table_row(name: str, begin: float) -> Row:
 
 HEAD = (
     'fault',
-    *(f'{link}: rms / largest / rms after detection / reference / bound [mm]' for link in LINKS),
-    'named after', 'after detection', 'messages', 'good',
+    *(f'{link}: rms / largest / after detection: rms / reference / bound [mm]' for link in LINKS),
+    'named after', 'after detection', 'last warning', 'good',
 )  # fmt: skip
 
 
