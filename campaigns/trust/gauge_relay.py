@@ -26,7 +26,14 @@ from diagnostic_msgs.msg import DiagnosticArray
 from fault_draws import Draw, Fault, Message, Streams, faulty_streams
 from gauge_runs import ROBOTS
 from lockstep_stage import PATIENCE, LockstepStage
-from predictor_faults import ALL_FAULTY_FACTOR, DETECTION_S, FAULTY_FACTOR, GAUGES, NAMES
+from predictor_faults import (
+    ALL_FAULTY_FACTOR,
+    CLEAR_SIGMAS,
+    DETECTION_S,
+    FAULTY_FACTOR,
+    GAUGES,
+    NAMES,
+)
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
@@ -82,6 +89,8 @@ class Relay(Node):
     ----------
     reports : list
         Time [s], level and message of each status `predictor: fusion`.
+    shown : dict of str to float
+        When a gauge differed clearly from its true value for the first time [s].
     """
 
     def __init__(self, faults: Sequence[Fault]) -> None:
@@ -92,6 +101,7 @@ class Relay(Node):
         self._noise = {sensor.name: float(sensor.noise) for sensor in sensors}
         self._count, self._now_ns, self._passed_ns = 0, -1, -1
         self.reports: list[tuple[float, bytes, str]] = []
+        self.shown: dict[str, float] = {}
         self.clock = SimpleNamespace(stamp_ns=lambda time: round(1e9 * time))
         self._progress = TickProgress(self)
         self._out = self.create_publisher(JointState, 'strain', EVERY_MESSAGE)
@@ -151,7 +161,11 @@ class Relay(Node):
         draw = Draw(0, RATES['plant'], faults)
         found = faulty_streams(draw, self._kept, signals, self._noise)
         newest = {gauge: found[gauge][-1] for gauge in values if found[gauge]}
-        return {g: float(each.position[0]) for g, each in newest.items() if each.stamp == now}
+        changed = {g: float(each.position[0]) for g, each in newest.items() if each.stamp == now}
+        for gauge, value in changed.items():
+            if abs(value - values[gauge]) > CLEAR_SIGMAS * self._noise[gauge]:
+                self.shown.setdefault(gauge, now)
+        return changed
 
     def _on_diagnostics(self, message: Any) -> None:
         at = 1e-9 * _stamp_ns(message.header.stamp)
@@ -171,13 +185,22 @@ def _interpolation(kept: Sequence[Message]) -> Any:
 
 @dataclass(frozen=True)
 class Outcome:
-    """Errors and reports of one run."""
+    """Errors and reports of one run, from the start of the motion."""
 
-    rms: tuple[float, ...]  # of each link [m]
-    largest: tuple[float, ...]
-    late_rms: tuple[float, ...]  # after the time that detection may take
-    peak: tuple[float, ...]  # true deflection [m]
-    reports: tuple[tuple[float, bytes, str], ...]  # time since the fault acts [s]
+    times: Array  # (k,) [s]
+    errors: Array  # (k, links) [m]
+    peak: Array  # (links,), of the true deflection [m]
+    reports: tuple[tuple[float, bytes, str], ...]
+    shown: float  # when all faults had shown clearly [s], NaN without faults
+
+    def rms(self, since: float = START_S) -> Array:
+        """Return the rms errors (links,) from a time [s] on."""
+        return np.asarray(np.sqrt(np.mean(self.errors[self.times >= since] ** 2, axis=0)))
+
+    @property
+    def largest(self) -> Array:
+        """Largest errors (links,) [m]."""
+        return np.asarray(np.abs(self.errors).max(axis=0))
 
 
 @cache
@@ -216,22 +239,15 @@ def run(motion: str, begin: float, faults: tuple[Fault, ...], unused: tuple[str,
                 stage.client.trigger('/recorder/stop')
             finally:
                 relay.close()
-            return _outcome(stage.bag, relay.reports, START_S, begin)
-
-
-def _outcome(bag: Path, reports: Sequence[Any], start: float, begin: float) -> Outcome:
-    truth, estimate = (_deflections(bag, topic) for topic in (TRUE_DEFLECTION, ESTIMATE))
-    times = estimate[:, 0]
-    rows = (times >= start) & (times <= truth[-1, 0])
-    late = rows & (times >= start + begin + DETECTION_S)
-    errors = [estimate[:, k] - np.interp(times, truth[:, 0], truth[:, k]) for k in (1, 2)]
-    return Outcome(
-        tuple(float(np.sqrt(np.mean(error[rows] ** 2))) for error in errors),
-        tuple(float(np.abs(error[rows]).max()) for error in errors),
-        tuple(float(np.sqrt(np.mean(error[late] ** 2))) for error in errors),
-        tuple(np.abs(truth[:, 1:]).max(axis=0).tolist()),
-        tuple((at - start - begin, level, text) for at, level, text in reports),
-    )
+            truth, estimate = (
+                _deflections(stage.bag, topic) for topic in (TRUE_DEFLECTION, ESTIMATE)
+            )
+    moving = (estimate[:, 0] >= START_S) & (estimate[:, 0] <= truth[-1, 0])
+    times = estimate[moving, 0]
+    true = np.column_stack([np.interp(times, truth[:, 0], column) for column in truth[:, 1:].T])
+    shown = max(relay.shown.values(), default=np.nan)
+    peak = np.abs(truth[:, 1:]).max(axis=0)
+    return Outcome(times, estimate[moving, 1:] - true, peak, tuple(relay.reports), shown)
 
 
 def _deflections(bag: Path, topic: str) -> Array:
@@ -247,35 +263,29 @@ def _deflections(bag: Path, topic: str) -> Array:
 
 @dataclass(frozen=True)
 class Row:
-    """One row of the table."""
+    """One row of the table; lengths in m, by link."""
 
-    name: str
-    gauges: tuple[str, ...]  # that are faulty
-    found: Outcome
-    reference: Outcome  # without the faulty gauge; with several, of the joints alone
-    bound: tuple[float, ...]  # of the rms errors after detection [m]
-    named_after: float  # s until the report that names them, NaN: never; one report a second
-    silent: int  # reports OK after detection
-
-    @property
-    def is_good(self) -> bool:
-        within = all(
-            rms <= bound for rms, bound in zip(self.found.late_rms, self.bound, strict=True)
-        )
-        return within and not self.silent and not (self.gauges and np.isnan(self.named_after))
+    fault: str
+    peak: list[float]
+    rms: list[float]
+    largest: list[float]
+    late_rms: list[float]  # after the time that detection may take
+    reference: list[float]  # the same without the faulty gauge; with several, of the joints alone
+    bound: list[float]  # of `late_rms`
+    shown_after: float  # s of motion until all faults had shown clearly
+    named_after: float  # s from there to the report that names them; one report a second
+    silent: int  # reports OK after that, or after the time that detection may take
+    message: str  # of the last report
+    is_good: bool
 
     def cells(self) -> list[str]:
         """Return the row of the printed table; lengths in mm."""
-        found, numbers = self.found, []
-        for k in range(len(LINKS)):
-            each = (found.rms, found.largest, found.late_rms, self.reference.late_rms, self.bound)
-            values = [of_links[k] for of_links in each]
-            numbers += [' / '.join(f'{1e3 * value:.3g}' for value in values)]
-        texts = [text for _, level, text in found.reports if level != OK]
-        named = '-' if np.isnan(self.named_after) else f'{self.named_after:.1f} s'
-        last = f'{self.silent} OK' if self.gauges else f'{len(texts)} warnings'
-        good = 'yes' if self.is_good else 'NO'
-        return [self.name, *numbers, named, last, *(texts[-1:] or ['-']), good]
+        columns = zip(
+            self.rms, self.largest, self.late_rms, self.reference, self.bound, strict=True
+        )
+        numbers = [' / '.join(f'{1e3 * value:.3g}' for value in values) for values in columns]
+        times = [f'{self.shown_after:.2f} s', f'{self.named_after:.1f} s', str(self.silent)]
+        return [self.fault, *numbers, *times, self.message, 'yes' if self.is_good else 'NO']
 
 
 def table_row(name: str, begin: float) -> Row:
@@ -285,25 +295,41 @@ def table_row(name: str, begin: float) -> Row:
     found, reference, normal = (
         run(motion, begin, *given) for given in ((faults, ()), ((), gauges), ((), ()))
     )
+    since = found.shown if faults else START_S
+    late = since + DETECTION_S
     factor = ALL_FAULTY_FACTOR if len(gauges) > 1 else FAULTY_FACTOR
-    bound = tuple(
-        factor * max(pair) for pair in zip(reference.late_rms, normal.late_rms, strict=True)
-    )
+    bound = factor * np.maximum(reference.rms(late), normal.rms(late))
     # Several faulty gauges leave no majority that could name them.
     named = [
         at
         for at, level, text in found.reports
-        if at > 0.0 and level != OK and (len(gauges) > 1 or any(each in text for each in gauges))
+        if level != OK and (len(gauges) > 1 or any(each in text for each in gauges))
     ]
-    after = max([DETECTION_S, *named[:1]])
-    silent = [at for at, level, _ in found.reports if gauges and at > after and level == OK]
-    return Row(name, gauges, found, reference, bound, min(named, default=np.nan), len(silent))
+    quiet = sum(
+        level == OK for at, level, _ in found.reports if at > max([late, *named[:1]]) and faults
+    )
+    within = bool((found.rms(late) <= bound).all())
+    warned = bool(named) if faults else all(level == OK for _, level, _ in found.reports)
+    return Row(
+        fault=name,
+        peak=found.peak.tolist(),
+        rms=found.rms().tolist(),
+        largest=found.largest.tolist(),
+        late_rms=found.rms(late).tolist(),
+        reference=reference.rms(late).tolist(),
+        bound=bound.tolist(),
+        shown_after=since - START_S,
+        named_after=min(named, default=np.nan) - since,
+        silent=quiet,
+        message=found.reports[-1][2],
+        is_good=within and warned and not quiet,
+    )
 
 
 HEAD = (
     'fault',
     *(f'{link}: rms / largest / after detection: rms / reference / bound [mm]' for link in LINKS),
-    'named after', 'after detection', 'last warning', 'good',
+    'shown after', 'named after that', 'then OK', 'last report', 'good',
 )  # fmt: skip
 
 
@@ -320,8 +346,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             rows.append(table_row(name, args.begin))
             print(f'| {" | ".join(rows[-1].cells())} |', flush=True)
     if args.json:
-        written = [{**asdict(each), 'good': each.is_good} for each in rows]
-        args.json.write_text(json.dumps(written, indent=1, default=lambda level: level[0]))
+        args.json.write_text(json.dumps([asdict(each) for each in rows], indent=1))
     return 0 if all(each.is_good for each in rows) else 1
 
 
