@@ -374,7 +374,8 @@ class SensorFaults:
         assert index is not None
         self.trusted[index] = False
         # A sensor that fails again has to agree for longer.
-        self._patiences[index] = min(2.0 * self._patiences[index], self.tuning.longest_trial)
+        longest = max(self.tuning.longest_trial, self._patience)
+        self._patiences[index] = min(2.0 * self._patiences[index], longest)
         self.causes[self.units[index].name] = self._describe(index)
         # One sensor may be wrong, or less than half of many.
         if int(np.count_nonzero(~self.trusted)) > max(1, (len(self.units) - 1) // 2):

@@ -32,6 +32,8 @@ class LockstepStage:
         Hz of the nodes but the recorder.
     more : dict of str to dict
         Further parameters by node.
+    remapped : dict of str to dict
+        Other names of topics by node.
     """
 
     def __init__(
@@ -40,6 +42,7 @@ class LockstepStage:
         urdf: str,
         rates: dict[str, float],
         more: dict[str, dict[str, Any]] | None = None,
+        remapped: dict[str, dict[str, str]] | None = None,
     ) -> None:
         folder.mkdir()
         self.bag = folder / 'bag'
@@ -61,10 +64,12 @@ class LockstepStage:
             if name != 'plant':
                 given['use_sim_time'] = True
             if name != 'recorder':
-                given['urdf_path'] = urdf
+                given.setdefault('urdf_path', urdf)
             file = folder / f'{name}.yaml'
             file.write_text(json.dumps({name: {'ros__parameters': given}}))
             words = ['-m', f'denoc_ros.nodes.{name}', '--ros-args', '--params-file', str(file)]
+            for topic, other in (remapped or {}).get(name, {}).items():
+                words += ['-r', f'{topic}:={other}']
             self.processes.start(name, words)
         self.client = SessionClient(
             Path(urdf).read_text(encoding='utf-8'), watch=self.processes.check

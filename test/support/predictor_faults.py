@@ -114,8 +114,8 @@ def robot_text() -> str:
 
 
 @cache
-def truth(name: str) -> Truth:
-    """Return a true motion."""
+def truth(name: str, end: float = END) -> Truth:
+    """Return a true motion up to a time [s]."""
     angles, period, exact = MOTIONS[name]
     robot = load('canadarm')
     if not exact:
@@ -128,7 +128,7 @@ def truth(name: str) -> Truth:
         path.sample(t, q, qd, qdd)
         return q, qd, qdd
 
-    data = recorded(robot, wanted, END + 2.0 * STEP)
+    data = recorded(robot, wanted, end + 2.0 * STEP)
     joints = robot.joint_indices
     at = data.run.t
     motion = np.hstack([data.run.q[:, joints] + TURNED, data.run.qd[:, joints]])
