@@ -231,13 +231,15 @@ def _chain_rows(
         plant.tip_deflections(*bent)
         motion = np.concatenate((plant.q[at], plant.qd[at]))
         rows.append((now, motion, plant.sensor_values().copy(), bent[0]))
-    stamps, motions, strain, deflection = (np.array(part) for part in zip(*rows, strict=True))
+    stamps, motions, strain, deflection = (
+        np.array(part, dtype=np.float64) for part in zip(*rows, strict=True)
+    )
     return stamps, motions, strain, deflection
 
 
 def ticks_of(duration: float) -> Array:
     """Return the times of the observer's ticks [s]."""
-    return TICK_S * np.arange(1, round(duration / TICK_S))
+    return np.asarray(TICK_S * np.arange(1, round(duration / TICK_S)))
 
 
 def good_messages(scene: Scene, seed: int) -> Streams:
@@ -337,13 +339,15 @@ class Trial:
                 streams[gauge] = [bad if bad.stamp < FAULT_END_S else good for bad, good in both]
         outcome = observed(self.scene, in_order(streams), tuning)
         bad = np.array([gauge in missing for gauge in self.scene.noise])
-        found = outcome.excluded[:, bad].any(axis=1)
+        found: Flags = np.asarray(outcome.excluded[:, bad].any(axis=1))
         if len(missing) > 1:
             found |= outcome.by_joints
         ticks = TICK_S * np.arange(1, len(found) + 1)
         at = np.flatnonzero(found & (ticks >= FAULT_BEGIN_S))
         seconds = float(ticks[at[0]]) - FAULT_BEGIN_S if len(at) else np.inf
-        wrong = TICK_S * outcome.excluded[:, ~bad].sum(axis=0).max(initial=0)
+        # Where the joints alone are used, no sensor is taken for the cause.
+        blamed = outcome.excluded[:, ~bad] & ~outcome.by_joints[:, None]
+        wrong = TICK_S * blamed.sum(axis=0).max(initial=0)
         ratio = self.error(outcome) / self._error_without(missing)
         unused = np.flatnonzero(outcome.excluded.any(axis=1) | outcome.by_joints)
         last = float(ticks[unused[-1]]) if len(unused) else 0.0

@@ -90,6 +90,8 @@ class AmplitudeFilter:
     stiffness, damping : (m,) arrays
     decay : float
         Factor of the loads' mean over one step.
+    independent_loads : (m, m) array
+        Covariance of loads of unit deviation in all modes.
     linear_steps : pair of (3 m, 3 m) and (3 m, m) arrays
         Transition of [d; d'; f] over one step, and its change by steady forces; a new pair
         whenever the model is linearized.
@@ -138,7 +140,7 @@ class AmplitudeFilter:
         self.damping: Array = robot.damping[self._flexible]
         self._m = m = len(self._flexible)
         self._shape, self._first, lengths = load_shapes(robot)
-        self._independent: Array = self._shape + (1.0 - SPREAD**2) * np.eye(m)
+        self.independent_loads: Array = self._shape + (1.0 - SPREAD**2) * np.eye(m)
         force = self.stiffness[self._first] * initial_deflection * lengths
         self._start_force: Array = force
         self._floor = np.zeros(m)
@@ -272,19 +274,22 @@ class AmplitudeFilter:
         """Return the amplitudes of the present vibration, from amplitudes and rates (..., m)."""
         return np.asarray(np.hypot(amplitudes, rates / self._omega))
 
-    def load_noise(self, envelope: Array, error: float, steps: int) -> Array:
-        """Return the covariance (m, m) that independent loads in all modes gain in some steps.
+    def load_deviation(self, envelope: Array, error: float) -> Array:
+        """Return the standard deviations (m,) of independent loads in all modes.
 
         Parameters
         ----------
         envelope : (m,) array
             Amplitudes of the present vibration.
         error : float
-            Standard deviation of a load as a share of the elastic force of the first mode.
+            Share of the elastic force of the first mode.
         """
         force = error * self.stiffness[self._first] * envelope[self._first]
-        deviation = np.hypot(force, self._floor)
-        gained = (1.0 - self.decay ** (2 * steps)) * self._independent
+        return np.asarray(np.hypot(force, self._floor))
+
+    def load_noise(self, deviation: Array, steps: int) -> Array:
+        """Return the covariance (m, m) that loads of these deviations (m,) gain in some steps."""
+        gained = (1.0 - self.decay ** (2 * steps)) * self.independent_loads
         return np.asarray(deviation[:, None] * gained * deviation)
 
     def shared(self, amplitudes: Array) -> Array:

@@ -41,6 +41,8 @@ class FaultTuning:
     clear: float = 8.0
     # Share of the model's error that is no steady share of the elastic forces.
     unsteady_error: float = 0.1
+    # Weight of improbable loads: beams of other shapes than the model's have larger ones.
+    load_weight: float = 0.4
     # Variances of an innovation that are still expected: stated noise is often too small.
     tolerance: float = 2.0
     # s by which stamps may be wrong: many sensors are dated by the arrival of their messages.
@@ -107,11 +109,13 @@ class SensorFaults:
     the model does not have, biases of values, and errors e of stiffness and load as steady shares
     of the elastic forces. A hypothesis has the score
 
-        J = sum over the values, and over the window, of (nu^2 / s - c) + e^T P0^-1 e
+        J = sum over the values, and over the window, of (nu^2 / s - c)
+            + e^T P0^-1 e + f^T P_f^-1 f
 
     with nu the innovation of a value, s its variance after the values before it, and c
     `tolerance`; the sum of a value begins again where it is negative. It is the excess of
-    chi-squared, and the improbability of the errors that explain the data. The difference of two
+    chi-squared, and the improbability of the errors and forces that explain the data, whose
+    covariances before any measurement are P0 and P_f. The difference of two
     scores is twice the logarithm of the likelihood ratio (A. S. Willsky, H. L. Jones, IEEE
     Transactions on Automatic Control 21, 1976).
     """
@@ -136,6 +140,12 @@ class SensorFaults:
         self._model_error = model_error
         self._share_covariance = model.share_covariance(model_error, m)
         self._share_weights = np.linalg.inv(self._share_covariance)
+        # Inertial sensors alone say too little of loads at rest to judge them.
+        judged = any(len(unit.places) == 1 for unit in units)
+        self._load_weights = (
+            self.tuning.load_weight * judged * np.linalg.inv(model.independent_loads)
+        )
+        self._load_deviation: Array = np.full(m, math.inf)
         self._unit_of = np.zeros(sum(len(unit.places) for unit in units), dtype=np.intp)
         for index, unit in enumerate(units):
             self._unit_of[list(unit.places)] = index
@@ -162,6 +172,8 @@ class SensorFaults:
     def restart(self) -> None:
         """Start the filters again at the next values; excluded sensors stay excluded."""
         self._time, self._doubt = math.nan, 1.0
+        # Without an envelope no load is improbable.
+        self._load_deviation = np.full(self._m, math.inf)
         self.envelope: Array | None = None
         self._set_hypotheses(None)
 
@@ -294,9 +306,12 @@ class SensorFaults:
         envelopes = model.envelope(amplitudes, rates)
         self.envelope = envelopes[ALL]
         least = envelopes[1:].min(axis=0) if len(envelopes) > 1 else self.envelope
+        deviation = model.load_deviation(least, self._load_error)
+        # Where no load is expected, as without gauges at rest, none is judged.
+        self._load_deviation = np.where(deviation > 0.0, deviation, math.inf)
         self._forward(
             self._states, self._covariances, alone, pushed, model.stiffness, base[:m],
-            model.load_noise(least, self._load_error, steps),
+            model.load_noise(deviation, steps),
             (2.0 * elapsed / MEMORY) * self._share_covariance,
         )  # fmt: skip
         # Of sensors that are slower than the checks, as many values count.
@@ -318,8 +333,9 @@ class SensorFaults:
     def scores(self) -> Array:
         """How badly each hypothesis explains the data, as chi-squared (hypotheses,)."""
         shares = self._states[:, self._shares]
-        improbable = ((shares @ self._share_weights) * shares).sum(axis=1)
-        return np.asarray(self._excess.sum(axis=1) + improbable)
+        loads = self._states[:, 2 * self._m : 3 * self._m] / self._load_deviation
+        improbable = (shares @ self._share_weights) * shares + (loads @ self._load_weights) * loads
+        return np.asarray(self._excess.sum(axis=1) + improbable.sum(axis=1))
 
     # ---- decisions
 
