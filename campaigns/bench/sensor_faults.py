@@ -62,6 +62,7 @@ MOVES = 6  # of a joint in a draw, at most
 FAULT_BEGIN_S, FAULT_END_S = 1.0, 3.0  # Only some faults end.
 FALSE_ALARM_SHARE = 0.02  # of the draws, at most
 ALARM_S = 0.5  # A healthy sensor that is not used for longer counts as a false alarm.
+PATIENCE_S = FusionSettings().patience
 NICENESS = 10
 FIRST_SEED = 100
 SENSITIVITY_CASES = 3  # of a draw
@@ -231,15 +232,14 @@ def _chain_rows(
         plant.tip_deflections(*bent)
         motion = np.concatenate((plant.q[at], plant.qd[at]))
         rows.append((now, motion, plant.sensor_values().copy(), bent[0]))
-    stamps, motions, strain, deflection = (
-        np.array(part, dtype=np.float64) for part in zip(*rows, strict=True)
-    )
+    columns: list[Array] = [np.array(part) for part in zip(*rows, strict=True)]
+    stamps, motions, strain, deflection = columns
     return stamps, motions, strain, deflection
 
 
 def ticks_of(duration: float) -> Array:
     """Return the times of the observer's ticks [s]."""
-    return np.asarray(TICK_S * np.arange(1, round(duration / TICK_S)))
+    return np.asarray(TICK_S * np.arange(1, round(duration / TICK_S)), dtype=np.float64)
 
 
 def good_messages(scene: Scene, seed: int) -> Streams:
@@ -271,12 +271,17 @@ def faulty_gauges(faults: Sequence[Fault]) -> frozenset[str]:
 
 
 def observed(
-    scene: Scene, messages: Sequence[Message], tuning: FaultTuning | None = None
+    scene: Scene,
+    messages: Sequence[Message],
+    tuning: FaultTuning | None = None,
+    patience: float = PATIENCE_S,
 ) -> Outcome:
     """Run an observer over messages in the order of their arrival."""
     robot = load(scene.robot)
     robot.set_payload('tool', PAYLOAD)
-    found = Observer(robot, ObserverSettings(step=TICK_S, fusion=FusionSettings()))
+    found = Observer(
+        robot, ObserverSettings(step=TICK_S, fusion=FusionSettings(patience=patience))
+    )
     assert found.fusion is not None
     faults = found.fusion.faults
     if tuning is not None:
@@ -327,7 +332,9 @@ class Trial:
         excluded = TICK_S * outcome.excluded.sum(axis=0).max()
         return Alarms(float(excluded), TICK_S * float(outcome.by_joints.sum()))
 
-    def finding(self, case: str, tuning: FaultTuning | None = None) -> Finding:
+    def finding(
+        self, case: str, tuning: FaultTuning | None = None, patience: float = PATIENCE_S
+    ) -> Finding:
         """Return what becomes of the faults of a case."""
         faults = faults_of(case, self.scene, self.seed)
         draw = Draw(self.seed, 1.0 / SAMPLE_S, faults)
@@ -337,9 +344,9 @@ class Trial:
             for gauge in missing:
                 both = zip(streams[gauge], self.good[gauge], strict=True)
                 streams[gauge] = [bad if bad.stamp < FAULT_END_S else good for bad, good in both]
-        outcome = observed(self.scene, in_order(streams), tuning)
+        outcome = observed(self.scene, in_order(streams), tuning, patience)
         bad = np.array([gauge in missing for gauge in self.scene.noise])
-        found: Flags = np.asarray(outcome.excluded[:, bad].any(axis=1))
+        found: Flags = np.any(outcome.excluded[:, bad], axis=1)
         if len(missing) > 1:
             found |= outcome.by_joints
         ticks = TICK_S * np.arange(1, len(found) + 1)

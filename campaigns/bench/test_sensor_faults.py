@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from functools import cache
 
+import numpy as np
 import pytest
 from bench.sensor_faults import CASES, ENDING, FAULT_END_S, Trial
 
 SEEDS = range(8)  # two arms, and all truths
 DURATION_S = 6.0
+LONG_DURATION_S = 22.0  # longer than the longest finite patience
 FAULTY_FACTOR = 3.0  # times the error without the faulty sensor
 # A seed for each case in which the arm moves soon after the fault.
 SEED_OF = {
@@ -42,3 +44,9 @@ def test_sensors_are_used_again_when_their_fault_has_ended(case: str) -> None:
     finding = trial(SEED_OF[case]).finding(case)
     assert finding.is_named
     assert finding.again < DURATION_S - FAULT_END_S
+
+
+def test_a_sensor_without_a_second_chance_stays_excluded() -> None:
+    own = Trial(SEED_OF['inverted, ends'], LONG_DURATION_S)
+    assert own.finding('inverted, ends').again < LONG_DURATION_S - FAULT_END_S
+    assert own.finding('inverted, ends', patience=np.inf).again == np.inf

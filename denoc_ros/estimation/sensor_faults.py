@@ -21,11 +21,13 @@ from denoc_ros.types import Array, Flags
 
 # What an estimate follows. The first is also the row of the filter that uses all trusted sensors.
 ALL, JOINTS = 0, -1
+# A sensor that fails again has to agree for longer, but at most so many times the first time.
+LONGEST_TRIAL_FACTOR = 16.0
 
 
 @dataclass(frozen=True)
 class FaultTuning:
-    """Thresholds of the fault detection; docs/sensors.md has the measured sensitivity of each."""
+    """Thresholds of the fault detection; docs/trust.md has the measured sensitivity of each."""
 
     # s between two checks: the modes that carry most of the deflection are slower.
     check_interval: float = 0.02
@@ -55,14 +57,12 @@ class FaultTuning:
     decision_time: float = 0.3
     # A sensor agrees with the others while its mean squared innovation is below so many variances.
     agreement: float = 2.0
-    # Chi-squared that an error of `agreement_scale` would have caused while a sensor agreed.
-    agreement_evidence: float = 40.0
-    # Share of the expected value.
-    agreement_scale: float = 0.1
-    # s for which sensors that all contradicted each other must agree before they are used again:
-    # at first, and at most, since each failure doubles it.
+    # Chi-squared of the changes of the expected value while a sensor agreed: a gain that is wrong
+    # by a tenth would have caused a hundredth of it.
+    agreement_evidence: float = 4000.0
+    # s for which sensors that all contradicted each other must agree before they are used again.
+    # Each failure doubles it, up to `LONGEST_TRIAL_FACTOR` times.
     trial_time: float = 1.0
-    longest_trial: float = 16.0
     # Times the initial error of the amplitudes, when the estimate of the sensors starts again.
     trial_doubt: float = 10.0
 
@@ -390,8 +390,8 @@ class SensorFaults:
         assert index is not None
         self.trusted[index] = False
         # A sensor that fails again has to agree for longer.
-        longest = max(self.tuning.longest_trial, self._patience)
-        self._patiences[index] = min(2.0 * self._patiences[index], longest)
+        most = LONGEST_TRIAL_FACTOR * self._patience
+        self._patiences[index] = min(2.0 * self._patiences[index], most)
         self.causes[self.units[index].name] = self._describe(index)
         # One sensor may be wrong, or less than half of many.
         if int(np.count_nonzero(~self.trusted)) > max(1, (len(self.units) - 1) // 2):
@@ -408,7 +408,8 @@ class SensorFaults:
         was_active, self.active, self._is_trial = self.active, JOINTS, True
         self.trusted[:] = True
         self._doubt = self.tuning.trial_doubt
-        self._trial_time = min(2.0 * self._trial_time, self.tuning.longest_trial)
+        most = LONGEST_TRIAL_FACTOR * self.tuning.trial_time
+        self._trial_time = min(2.0 * self._trial_time, most)
         self._set_hypotheses(None)
         self._begin(now)
         return was_active != JOINTS
@@ -422,7 +423,7 @@ class SensorFaults:
         stuck or late.
         """
         tuning = self.tuning
-        shown = (tuning.agreement_scale * changes) ** 2 / variances
+        shown = changes**2 / variances
         self._shown_by_all += float(shown.sum())
         if self._excludes_none:
             return
