@@ -512,7 +512,7 @@ class FeedforwardNode(RobotNode):
         if self.is_configured:
             self.follower.clear()
             self.between_ticks(self.torque.reset)
-            self.between_ticks(self.motion.reset)
+            self.motion.reset()
             self.between_ticks(self.stream_gate.reset)
             self._message_time = None
         self.forget_stamps()

@@ -506,7 +506,7 @@ class PredictorNode(RobotNode):
         if self.is_configured:
             self.follower.clear()
             self._stamps.reset()
-            self.between_ticks(self.motion.reset)
+            self.motion.reset()
             self.between_ticks(self._start_anew)
         self.forget_stamps()
         return 'reset: starts from the next joint state'

@@ -485,7 +485,7 @@ class ShaperNode(RobotNode):
             if not self.stream.active and self._left(self.clock.now()) == 0.0:
                 self._forget()
         if self.is_configured:
-            self.between_ticks(self.motion.reset)
+            self.motion.reset()
         self.forget_stamps()
         return 'reset: waiting for a motion'
 

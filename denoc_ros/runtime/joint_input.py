@@ -48,6 +48,7 @@ class JointInput:
         self._gate = joint_gate(robot, joints, judges_effort)
         self._check = VelocityCheck(joints, self._gate.velocity, rewinds)
         self._restarts_reported = 0
+        self._is_reset = False
 
     @property
     def position(self) -> Array:
@@ -55,9 +56,10 @@ class JointInput:
         return self._gate.position
 
     def reset(self) -> None:
-        """Forget the motion: the next message passes."""
-        self._gate.reset()
-        self._check.reset()
+        """Forget the motion: the next message passes. Any thread may call this."""
+        # The thread that takes messages resets the parts: the first message after this call must
+        # not be judged by the motion before it.
+        self._is_reset = True
 
     def take(
         self,
@@ -85,6 +87,10 @@ class JointInput:
             As of :meth:`JointStateReader.read` and :meth:`MotionBounds.require`.
         """
         reader, check = self._reader, self._check
+        if self._is_reset:
+            self._is_reset = False
+            self._gate.reset()
+            check.reset()
         reader.read(raw, with_effort=with_effort)
         velocity = reader.velocity if reader.has_velocity else None
         # Velocities that are not used may be beyond their bounds.
