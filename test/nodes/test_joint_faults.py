@@ -215,3 +215,26 @@ def test_good_joint_states_are_ok(graph: Any, robot_file: Path, run: Run, source
     found = Estimate(graph, robot_file, run, as_measured, source=source)
     assert not found.node.joint_input.rejected
     assert {each.level for each in found.statuses} == {OK}
+
+
+def test_a_reset_counts_before_the_next_message_also_where_the_loop_waits(
+    graph: Any, robot_file: Path, run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    given = {'urdf_path': str(robot_file), 'gravity': list(DOWN), 'update_rate': RATE}
+    node = begun(graph.add(PredictorNode, start=False, **given))
+
+    def give(row: int, offset: float) -> None:
+        message = joint_state(run, row, START_NS + round(1e9 * run.t[row]))
+        message.position = [q + offset for q in message.position]
+        node._on_joint_state(bytes(serialize_message(message)), float(run.t[row]))
+
+    for row in range(10):
+        give(row, 0.0)
+    before = node.motion.position.copy()
+    # Changes wait for the next tick.
+    monkeypatch.setattr(PredictorNode, '_loop_runs', property(lambda _: True))
+    node._reset()
+    give(10, 1.0)
+    assert not node.joint_input.rejected
+    assert node.joint_input.accepted == 11
+    np.testing.assert_allclose(node.motion.position, before + 1.0, atol=0.05)
