@@ -19,11 +19,11 @@ pytestmark = pytest.mark.ros
 
 DRAWS = {'predictor': 500, 'feedforward': 600, 'shaper': 100, 'plant': 800}
 ALWAYS = ('possible', 'no tick fails', 'no trace')
-RARELY = 0.01  # share of the draws in which the error may be beyond its bound
+RARELY = 0.01  # share of the draws that may break one of the other laws
 # laws that each node keeps in every draw
 LAWS = {
     'predictor': (*ALWAYS, 'not silent', 'sensor is named'),
-    'feedforward': (*ALWAYS, 'not silent'),
+    'feedforward': ALWAYS,
     'shaper': (*ALWAYS, 'not silent'),
     'plant': (*ALWAYS, 'not silent'),
 }
@@ -49,9 +49,9 @@ def predictor(
 def test_no_draw_of_faults_breaks_a_law(name: str, tmp_path: Path) -> None:
     kinds, broken = campaign(name, range(DRAWS[name]), tmp_path)
     assert [violation for violation in broken if violation.law in LAWS[name]] == []
-    # Where a sensor cannot be told from the model's errors, the joints alone err by more.
-    large = [violation for violation in broken if violation.law == 'error is bounded']
-    assert len(large) <= RARELY * DRAWS[name]
+    # Where a sensor cannot be told from the model's errors, the joints alone err by more. A wrong
+    # sample that limits allow leaves a model without damping vibrating at about the bound.
+    assert len(broken) <= RARELY * DRAWS[name]
     assert min(kinds.values()) >= DRAWS[name] // 40
 
 

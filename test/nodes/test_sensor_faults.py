@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -123,8 +122,6 @@ def test_infinite_patience_never_uses_an_excluded_gauge_again(graph: Any) -> Non
     arm = SimulatedArm(graph, truth('exact', END_S))
     node = predictor(graph, fusion__patience=math.inf)
     faults = node.observer.fusion.faults
-    # The longest time that a repeated failure makes: without it the test would take 16 s longer.
-    faults.tuning = replace(faults.tuning, longest_trial=0.2)
     arm.until_listened(node)
     arm.run(MENDED_S, {INVERTED: -1.0})
     arm.run(END_S, {})
