@@ -188,7 +188,12 @@ FAULTS = (
         'robot stops', 'no joint states', lambda stage: states.saying(stage, lambda: ()), safe=True
     ),
     Fault(
-        'robot jumps', 'positions 1 rad off, to and fro', states.instead(states.jumped), off=1.0
+        'robot jumps',
+        'positions 1 rad off, to and fro',
+        states.instead(states.jumped),
+        ('joint_states implausible',),
+        safe=None,
+        off=1.0,
     ),
     Fault(
         'robot restarts',
@@ -200,9 +205,7 @@ FAULTS = (
         'stamp from the future',
         'one joint state 1000 s ahead, then good ones',
         states.from_the_future,
-        ('joint_states backwards_stamp',),
-        safe=True,
-        reset=True,
+        safe=None,
     ),
     Fault(
         'clock set back',
