@@ -15,6 +15,7 @@ from denoc_ros.cli.node_parameters import write_parameters
 from denoc_ros.cli.processes import Processes
 from denoc_ros.errors import DenocError
 from denoc_ros.nodes.session_client import SessionClient
+from denoc_ros.python_start import module_words
 
 TOPICS, RATE, SIZE = 50, 50.0, 2000  # 5 MB/s
 SETTLING = 1.0  # s after a change: when a participant joins, Fast DDS may stand still for 333 ms
@@ -32,7 +33,7 @@ class SignalledProcesses(WatchedProcesses):
 
     def start_watched(self, name: str, arguments: Sequence[str]) -> None:
         """Start a module under the eyes of a journal."""
-        self.start(name, ['-m', *arguments])
+        self.start(name, module_words(*arguments))
 
     def start_plain(self, name: str, arguments: Sequence[str]) -> None:
         """Start a module with nothing beside it."""

@@ -82,8 +82,8 @@ class WatchedProcesses(Processes):
         self.pids: set[int] = set()
 
     def start(self, name: str, arguments: Sequence[str], ends: bool = False) -> None:
-        """Start `-m module …` as a session does, under the eyes of a journal."""
-        watched = ['-m', 'bench.journal', str(self._folder / f'{name}.npz'), *arguments[1:]]
+        """Start a module by a session's words `-c code module …`, with a journal."""
+        watched = ['-m', 'bench.journal', str(self._folder / f'{name}.npz'), *arguments[2:]]
         super().start(name, watched, ends)
         self.pids.add(self._running[name].pid)
 
@@ -164,7 +164,10 @@ def process_name(pid: int) -> str:
         command = Path(f'/proc/{pid}/comm').read_text().strip()
     except OSError:
         return 'ended'
-    return words[words.index('-m') + 1] if '-m' in words else command
+    for flag, after in (('-m', 1), ('-c', 2)):
+        if flag in words:
+            return words[words.index(flag) + after]
+    return command
 
 
 @dataclass(frozen=True)
