@@ -1,6 +1,6 @@
 """Detection and isolation of faulty sensors by a bank of Kalman filters.
 
-Each filter of the bank is one hypothesis: it uses all trusted sensors, or all but some. The state
+Each filter of the bank is one hypothesis: it uses all trusted sensors, or all but one. The state
 of a filter is the deviation from the estimate of the joints alone, which no sensor can disturb.
 """
 
@@ -53,7 +53,7 @@ class FaultTuning:
     clip_sigmas: float = 3.0
     # Share of an expected value by which a beam's shapes may misrepresent it.
     shape_error: float = 0.02
-    # s for which hypotheses may be undecided before a decision is made with less evidence.
+    # s for which no hypothesis may explain the data before all sensors are tried again.
     decision_time: float = 0.3
     # A sensor agrees with the others while its mean squared innovation is below so many variances.
     agreement: float = 2.0
@@ -141,10 +141,7 @@ class SensorFaults:
         self._share_covariance = model.share_covariance(model_error, m)
         self._share_weights = np.linalg.inv(self._share_covariance)
         # Inertial sensors alone say too little of loads at rest to judge them.
-        judged = any(len(unit.places) == 1 for unit in units)
-        self._load_weights = (
-            self.tuning.load_weight * judged * np.linalg.inv(model.independent_loads)
-        )
+        self._judges_loads = any(len(unit.places) == 1 for unit in units)
         self._load_deviation: Array = np.full(m, math.inf)
         self._unit_of = np.zeros(sum(len(unit.places) for unit in units), dtype=np.intp)
         for index, unit in enumerate(units):
@@ -166,6 +163,8 @@ class SensorFaults:
         self._patiences = np.full(len(self.units), 0.5 * self._patience)
         self._trial_time = 0.5 * self.tuning.trial_time
         self._load_error = self.tuning.unsteady_error * self._model_error
+        weight = self.tuning.load_weight * self._judges_loads
+        self._load_weights = weight * np.linalg.inv(self._model.independent_loads)
         self.active, self._is_trial = ALL, False
         self.restart()
 
