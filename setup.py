@@ -22,7 +22,7 @@ def package_version() -> str:
 
 def source_commit() -> str:
     """Return the commit of this tree, or the one its sdist was made from; '' if unknown."""
-    file = HERE / NAME / 'reports' / 'versions.py'
+    file = HERE / NAME / 'versions.py'
     specification = importlib.util.spec_from_file_location('versions', file)
     assert specification is not None
     assert specification.loader is not None
@@ -102,7 +102,7 @@ setup(
     name=NAME,
     version=package_version(),
     packages=find_packages(include=[NAME, f'{NAME}.*']),
-    package_data={NAME: ['py.typed', 'nodes/*.xml', 'reports/templates/*.j2']},
+    package_data={NAME: ['py.typed', 'nodes/base/*.xml', 'reports/templates/*.j2']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
         (f'share/{NAME}', ['package.xml', *PAGES, 'CITATION.cff', 'LICENSE']),

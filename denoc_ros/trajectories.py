@@ -11,8 +11,8 @@ from abc import ABC, abstractmethod
 import numpy as np
 import scipy.linalg
 
-from denoc_ros.kernels.compiled import entry
-from denoc_ros.kernels.spline import sample_quintics
+from denoc_ros.kernels.algebra.spline import sample_quintics
+from denoc_ros.kernels.jit.compiled import entry
 from denoc_ros.types import Array
 
 

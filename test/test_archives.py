@@ -18,8 +18,8 @@ from peak_memory import peak_memory
 from denoc_ros.bags.tables import read_table
 from denoc_ros.decompression import require_bounded_archive
 from denoc_ros.errors import BagError, ModelError
-from denoc_ros.model import link_file
-from denoc_ros.reduction.matrices import read_matrices
+from denoc_ros.model.beams import link_file
+from denoc_ros.reduction.formats.matrices import read_matrices
 
 HUGE = 1 << 30  # bytes
 MEMORY_RISE = 400_000  # KiB, less than half of HUGE

@@ -17,9 +17,10 @@ from typing import Any
 import pytest
 
 import denoc_ros as dn
-from denoc_ros.cli.config import NODES
 from denoc_ros.cli.main import build_parser
-from denoc_ros.cli.verbs import VERBS
+from denoc_ros.cli.session.session_config import NODES
+from denoc_ros.cli.verbs import verbs
+from denoc_ros.parts import parameter_table
 
 ROOT = Path(__file__).resolve().parents[1]
 LIST = ROOT / 'test' / 'data' / 'contract.json'
@@ -51,7 +52,7 @@ def parameters() -> dict[str, list[Any]]:
     """Return type, default and choices of each node's parameters."""
     found: dict[str, list[Any]] = {}
     for node in NODES:
-        table = import_module(f'denoc_ros.runtime.{node}_parameters').TABLE
+        table = parameter_table(node)
         for row in table.rows:
             found[f'{node}: {row.name}'] = [row.kind.value, row.default, *row.choices]
     return found
@@ -60,7 +61,7 @@ def parameters() -> dict[str, list[Any]]:
 def commands() -> dict[str, list[str]]:
     """Return the options and arguments of each command."""
     found: dict[str, list[str]] = {}
-    for verb in VERBS:
+    for verb in verbs():
         for name, parser in parsers(build_parser([verb]), 'denoc'):
             found[name] = sorted(
                 option or action.dest

@@ -17,7 +17,8 @@ import yaml
 from launch_files import arguments, started
 from launch_stand_in import Context, ExecuteProcess, LifecycleNode, Node
 
-from denoc_ros.cli.config import NODES
+from denoc_ros.cli.session.session_config import NODES
+from denoc_ros.parts import parameter_table
 from denoc_ros.python_start import module_words
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -133,7 +134,7 @@ def test_nodes_are_executables_of_ours_and_take_their_parameters(name: str) -> N
         assert node in NODES
         assert (ROOT / 'scripts' / node).is_file()
         parameters = process.parameters(context())
-        table = import_module(f'denoc_ros.runtime.{node}_parameters').TABLE
+        table = parameter_table(node)
         settings = table.settings(parameters, node)
         if node == 'recorder':
             assert settings.text('output') == '12'  # which YAML would take for a number
@@ -146,7 +147,7 @@ def test_nodes_are_executables_of_ours_and_take_their_parameters(name: str) -> N
 def test_a_simulation_lives_by_the_plant_s_time() -> None:
     found = start('sim', clock='lockstep', real_time_factor='0.0', record='true')
     plant = found['plant'].parameters(context())
-    table = import_module('denoc_ros.runtime.plant_parameters').TABLE
+    table = import_module('denoc_ros.runtime.parameters.plant_parameters').TABLE
     settings = table.settings(plant, 'plant')
     assert settings.text('clock') == 'lockstep'
     assert settings.number('real_time_factor') == 0.0

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from loop_oracle import LoopOracle
 
-from denoc_ros.model.urdf import load_tree
+from denoc_ros.model.reading.urdf import load_tree
 
 MASS, LENGTH, G = 2.0, 0.8, 9.81
 STAGES = """<robot name="pinned"><link name="base"/><link name="cart"/><link name="lift"/>

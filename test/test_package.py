@@ -21,8 +21,8 @@ from packaging.requirements import Requirement
 from packaging.utils import NormalizedName, canonicalize_name
 from trust.smoke import inside_script, lost_links, tried
 
-from denoc_ros.cli.config import NODES
-from denoc_ros.reports.versions import source_commit
+from denoc_ros.cli.session.session_config import NODES
+from denoc_ros.versions import source_commit
 
 BUILD_TIMEOUT = 300.0  # s for what takes ten on a machine that does nothing else
 EXTRAS = ('ros', 'viewer', 'test')
@@ -230,7 +230,10 @@ def test_installed_package_finds_the_configurations_that_came_with_it(
     prefix: Path, tmp_path: Path
 ) -> None:
     modules = sysconfig.get_path('purelib', vars={'base': str(prefix)})
-    script = 'import denoc_ros.cli.config as c; print(c.load_config("canadarm.yaml").robot)'
+    script = (
+        'import denoc_ros.cli.session.session_config as c; '
+        'print(c.load_config("canadarm.yaml").robot)'
+    )
     shown = subprocess.run(
         [sys.executable, '-c', script],
         env={**os.environ, 'PYTHONPATH': modules},

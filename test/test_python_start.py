@@ -14,10 +14,10 @@ import numpy as np
 import pytest
 import trimesh
 
-from denoc_ros.cli.processes import Processes
-from denoc_ros.model.mesh_files import read_surface
+from denoc_ros.cli.session.processes import Processes
+from denoc_ros.model.reading.mesh_files import read_surface
 from denoc_ros.python_start import code_words, file_words, module_words
-from denoc_ros.runtime.planner import Planner
+from denoc_ros.runtime.worker.worker import Planner
 
 TIMEOUT = 120.0  # s on a busy machine
 TRAPS = ('html', 'numpy', 'json', 'runpy', 'argparse', 'denoc_ros', 'yaml')

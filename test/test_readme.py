@@ -7,14 +7,14 @@ from __future__ import annotations
 
 import argparse
 import re
-from importlib import import_module
 from pathlib import Path
 
 import pytest
 
-from denoc_ros.cli.config import NODES
 from denoc_ros.cli.main import build_parser
-from denoc_ros.cli.verbs import VERBS
+from denoc_ros.cli.session.session_config import NODES
+from denoc_ros.cli.verbs import verbs
+from denoc_ros.parts import parameter_table
 
 ROOT = Path(__file__).resolve().parent.parent
 README, NODES_PAGE = ROOT / 'README.md', ROOT / 'docs' / 'nodes.md'
@@ -24,10 +24,10 @@ SECTION = re.compile(r'(<!-- begin (\w+) (\w+) -->\n)(.*?)(<!-- end -->)', re.DO
 def rendered(kind: str, name: str) -> str:
     """Return what a generated section must hold."""
     if kind == 'parameters':
-        table = import_module(f'denoc_ros.runtime.{name}_parameters').TABLE
+        table = parameter_table(name)
         return f'\n{table.markdown()}\n'
     lines = ['', '| command | does |', '|---|---|']
-    for verb in VERBS:
+    for verb in verbs():
         parser = build_parser([verb])
         (action,) = (a for a in parser._actions if isinstance(a, argparse._SubParsersAction))
         lines.append(f'| `denoc {verb}` | {action._choices_actions[0].help} |')

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from denoc_ros.errors import ConfigError
-from denoc_ros.simulation.reference import trajectory_from_config
+from denoc_ros.simulation.reference_motion import trajectory_from_config
 from denoc_ros.trajectories import CycloidalTrajectory, SplineTrajectory, Trajectory
 
 JOINTS = ('a', 'b')

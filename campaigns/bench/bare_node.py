@@ -29,9 +29,9 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 
-from denoc_ros.nodes.middleware import use_sockets
-from denoc_ros.nodes.process import SWITCH_INTERVAL
-from denoc_ros.runtime.timing import RealtimeLoop
+from denoc_ros.nodes.base.middleware import use_sockets
+from denoc_ros.nodes.base.process import SWITCH_INTERVAL
+from denoc_ros.runtime.loop.realtime_loop import RealtimeLoop
 
 NEWEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 DEEP = QoSProfile(depth=5000, reliability=ReliabilityPolicy.RELIABLE)

@@ -14,7 +14,7 @@ from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
-from denoc_ros.nodes.middleware import use_sockets
+from denoc_ros.nodes.base.middleware import use_sockets
 
 DEPTH = 100
 

@@ -44,7 +44,7 @@ from scipy.sparse import csr_matrix
 from skfem import MeshTet
 
 import denoc_ros as dn
-from denoc_ros.model import link_file
+from denoc_ros.model.beams import link_file
 from denoc_ros.reduction.body import Patch
 from denoc_ros.reduction.craig_bampton import link_modes, reduce_body
 from denoc_ros.reduction.elements import Elasticity, Solid

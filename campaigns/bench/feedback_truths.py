@@ -12,7 +12,7 @@ from collections.abc import Sequence
 
 from feedback_runs import Loop, canadarm, described, tip_exact
 
-from denoc_ros.control.state_feedback import StateFeedback
+from denoc_ros.feedback.state_feedback import StateFeedback
 
 BEAMS = {
     'craig-bampton 2': described(),

@@ -13,18 +13,18 @@ import tempfile
 import time
 from pathlib import Path
 
-from denoc_ros.reports.text_table import Row
-from denoc_ros.runtime.realtime import SINGLE_THREADED
+from denoc_ros.runtime.loop.realtime import SINGLE_THREADED
+from denoc_ros.text_table import Row
 
 # as the workers have it; numpy reads it when it is imported
 os.environ.update(SINGLE_THREADED)
 
 import numpy as np
 
-from denoc_ros.cli.batch import FAILURE, WorkerConfig
-from denoc_ros.cli.identify_records import MODAL, decay_options
-from denoc_ros.cli.identify_rows import identify_all
 from denoc_ros.cli.main import build_parser
+from denoc_ros.cli.many_runs import FAILURE, WorkerConfig
+from denoc_ros.identification.verbs.identify_records import MODAL, decay_options
+from denoc_ros.identification.verbs.identify_rows import identify_all
 from denoc_ros.studies.selftest import Defects, Truth, synthetic_decay
 
 ROUNDS = 2

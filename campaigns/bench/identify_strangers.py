@@ -18,10 +18,10 @@ from strange_files import strange_file
 from strange_records import StrangeRecord, strange_record
 
 from denoc_ros.errors import BagError, IdentificationError
-from denoc_ros.identification.analysis import analyse_decay
-from denoc_ros.identification.channel import read_record
-from denoc_ros.identification.modes import GOOD, strongest
-from denoc_ros.identification.records import Record
+from denoc_ros.identification.decay.analysis import analyse_decay
+from denoc_ros.identification.decay.channel import read_record
+from denoc_ros.identification.decay.modes import GOOD, strongest
+from denoc_ros.identification.decay.records import Record
 
 MOST_REFUSED = 0.05  # of clean decays
 

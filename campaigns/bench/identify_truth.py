@@ -23,7 +23,7 @@ from truth_runs import truth_run
 from truth_scores import NumberScore, is_rightly_refused, scored, summary
 
 import denoc_ros as dn
-from denoc_ros.reports.text_table import text_table
+from denoc_ros.text_table import text_table
 
 NICENESS = 10
 LIMITS = 'median error <= 0.005, coverage 0.92 .. 0.98, untold_found 0'

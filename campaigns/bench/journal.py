@@ -22,9 +22,9 @@ from rclpy.publisher import Publisher
 from rclpy.serialization import serialize_message
 
 from denoc_ros.errors import DenocError
-from denoc_ros.nodes import messages, process
-from denoc_ros.runtime import timing
-from denoc_ros.runtime.timing import RealtimeLoop
+from denoc_ros.nodes.base import messages, process
+from denoc_ros.runtime.loop import realtime_loop as timing
+from denoc_ros.runtime.loop.realtime_loop import RealtimeLoop
 
 TICKS_KEPT = 1 << 20  # a quarter of an hour at 1000 Hz
 

@@ -11,10 +11,11 @@ from pathlib import Path
 
 from bench.rates_blocks import WatchedProcesses, domain
 
-from denoc_ros.cli.node_parameters import write_parameters
-from denoc_ros.cli.processes import Processes
+from denoc_ros.cli.session.node_parameters import write_parameters
+from denoc_ros.cli.session.processes import Processes
 from denoc_ros.errors import DenocError
 from denoc_ros.nodes.session_client import SessionClient
+from denoc_ros.parts import node_main
 from denoc_ros.python_start import module_words
 
 TOPICS, RATE, SIZE = 50, 50.0, 2000  # 5 MB/s
@@ -62,7 +63,7 @@ class Bench:
     def start_node(self, name: str) -> None:
         """Start a node with the parameters of its file."""
         file = str(self.folder / f'{name}.yaml')
-        node = [f'denoc_ros.nodes.{name}', '--ros-args', '--params-file', file]
+        node = [node_main(name), '--ros-args', '--params-file', file]
         self.processes.start_watched(name, node)
 
     def start_publisher(self, name: str, *arguments: object) -> None:

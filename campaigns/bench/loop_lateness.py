@@ -21,10 +21,10 @@ from bench.lateness import p99, p99_ratio
 from bench.lateness_command import run
 from bench.load_bench import SETTLING, Bench, benched, in_a_moment
 
-from denoc_ros.cli.config import load_config
-from denoc_ros.cli.node_parameters import write_parameters
+from denoc_ros.cli.session.node_parameters import write_parameters
+from denoc_ros.cli.session.session_config import load_config
 from denoc_ros.dynamics.robot import load_robot
-from denoc_ros.simulation.reference import trajectory_from_config
+from denoc_ros.simulation.reference_motion import trajectory_from_config
 from denoc_ros.types import Array
 
 LOOP_RATE, PRIORITY = 1000.0, 40

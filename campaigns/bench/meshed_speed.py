@@ -16,7 +16,7 @@ import numpy as np
 from skfem import MeshTet
 
 import denoc_ros as dn
-from denoc_ros.model import link_file
+from denoc_ros.model.beams import link_file
 from denoc_ros.reduction.body import Patch
 from denoc_ros.reduction.elements import Elasticity, Solid
 from denoc_ros.reduction.link import Wishes, reduce_link

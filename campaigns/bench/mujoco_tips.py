@@ -17,12 +17,12 @@ from control_runs import ROBOTS, Reference, cycloid
 from scipy.interpolate import CubicHermiteSpline, CubicSpline
 
 import denoc_ros as dn
-from denoc_ros.control.asked_motion import AskedMotion
-from denoc_ros.control.plan import Plan
-from denoc_ros.dynamics.driven_motion import driven_motion
+from denoc_ros.dynamics.driven.driven_motion import driven_motion
+from denoc_ros.dynamics.driven.motion_plan import Plan
 from denoc_ros.dynamics.robot import Robot
-from denoc_ros.model.segments import whole_beams
-from denoc_ros.simulation.mujoco_robot import MujocoRobot, MujocoSettings
+from denoc_ros.export.mujoco_robot import MujocoRobot, MujocoSettings
+from denoc_ros.model.beams.segments import whole_beams
+from denoc_ros.planning.tip.asked_motion import AskedMotion
 from denoc_ros.simulation.simulated_robot import Drives
 from denoc_ros.types import Array
 

@@ -21,8 +21,8 @@ import rclpy
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 
-from denoc_ros.cli.processes import free_domain
-from denoc_ros.nodes.middleware import use_sockets
+from denoc_ros.cli.session.processes import free_domain
+from denoc_ros.nodes.base.middleware import use_sockets
 
 PERIOD = 0.002  # s
 STAYS, STOPPED = 4.0, 1.5  # s

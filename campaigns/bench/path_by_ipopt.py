@@ -17,7 +17,7 @@ from path_by_ipopt import PathBeams
 from scipy.interpolate import make_interp_spline
 
 import denoc_ros as dn
-from denoc_ros.control.limit_rows import LimitRows, motion_limits
+from denoc_ros.planning.timing.limit_rows import LimitRows, motion_limits
 
 FIRST, LAST = np.array([0.3, 0.6]), np.array([0.8, 1.1])
 # curvature at most, and intervals, with which the peer nearly keeps its limits between its points;

@@ -12,7 +12,7 @@ import matplotlib as mpl
 import numpy as np
 from book_runs import desired, joints, shipped
 
-from denoc_ros.simulation.reference import Circle
+from denoc_ros.simulation.reference_motion import Circle
 from denoc_ros.types import Array
 
 SCENARIO = 'planar_3dof_circle'

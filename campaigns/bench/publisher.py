@@ -29,7 +29,7 @@ from std_msgs.msg import UInt8MultiArray
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from denoc_ros.bags.joint_state import JointStateMessage
-from denoc_ros.runtime.realtime import make_thread_timely
+from denoc_ros.runtime.loop.realtime import make_thread_timely
 
 DEPTH = 500  # ten seconds of the load that a busy reader may still ask for
 NUMBER = struct.Struct('<Q')

@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 from bench.rates_blocks import LOOPS, NODES, Bench, Block
 
-from denoc_ros.cli.config import SessionConfig, load_config
+from denoc_ros.cli.session.session_config import SessionConfig, load_config
 from denoc_ros.errors import DenocError
 
 LATE_LIMIT = {1000.0: 0.02, 500.0: 0.005}  # share of deadlines, by rate [Hz]

@@ -20,16 +20,16 @@ from mcap.reader import make_reader
 from numpy.typing import NDArray
 from ros_domains import claimed_domain
 
-from denoc_ros.cli.config import REAL, SessionConfig
-from denoc_ros.cli.processes import Processes
 from denoc_ros.cli.progress import Progress
-from denoc_ros.cli.session import STOP_ORDER, Session, Task
-from denoc_ros.cli.session_file import SessionFile
-from denoc_ros.cli.up import new_folder
+from denoc_ros.cli.session.processes import Processes
+from denoc_ros.cli.session.session import STOP_ORDER, Session, Task
+from denoc_ros.cli.session.session_config import REAL, SessionConfig
+from denoc_ros.cli.session.session_file import SessionFile
+from denoc_ros.cli.up_verb import new_folder
 from denoc_ros.dynamics.robot import load_robot
 from denoc_ros.errors import DenocError
 from denoc_ros.nodes.session_client import SessionClient
-from denoc_ros.simulation.reference import trajectory_from_config
+from denoc_ros.simulation.reference_motion import trajectory_from_config
 
 LOOPS = ('plant', 'predictor', 'feedforward')
 NODES = ('recorder', *LOOPS)  # in the order they start

@@ -17,9 +17,9 @@ from control_runs import ROBOTS
 from shaped_runs import cycloid, swing_after
 
 import denoc_ros as dn
-from denoc_ros.control.ringing import ringing_modes
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import SolverError
+from denoc_ros.planning.shapers.ringing import ringing_modes
 from denoc_ros.types import Array
 
 FINE = 1e-4  # s: steps of simulated swings

@@ -37,14 +37,14 @@ from gauge_runs import PAYLOAD, load, recorded
 from mujoco_runs import STEP as PLANT_STEP_S
 from mujoco_runs import followed
 
-from denoc_ros.dynamics.deflection import TipDeflections
+from denoc_ros.dynamics.elastic.deflection import TipDeflections
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.estimation.fusion import FusionSettings
 from denoc_ros.estimation.observer import Observer
 from denoc_ros.estimation.observer_settings import ObserverSettings
 from denoc_ros.estimation.sensor_faults import FaultTuning
 from denoc_ros.model.plant_description import PlantDescription
-from denoc_ros.reports.text_table import text_table
+from denoc_ros.text_table import text_table
 from denoc_ros.types import Array, Flags
 
 TRUTHS = ('clamped-free', 'segments', 'mujoco')

@@ -10,7 +10,7 @@ import signal
 import sys
 import time
 
-from denoc_ros.runtime.timing import RealtimeLoop
+from denoc_ros.runtime.loop.realtime_loop import RealtimeLoop
 
 
 def main() -> None:

@@ -8,7 +8,7 @@ from bench.journal import Entries
 from bench.rates import measure, table
 from bench.rates_blocks import LOOPS, NODES, Window, loop_share, missing_messages
 
-from denoc_ros.cli.config import load_config
+from denoc_ros.cli.session.session_config import load_config
 
 
 def keys(*values: int) -> np.ndarray[tuple[int], np.dtype[np.int64]]:

@@ -28,16 +28,16 @@ from rclpy.signals import SignalHandlerOptions
 from ros_domains import claimed_domain
 from trajectory_msgs.msg import JointTrajectory
 
-from denoc_ros.cli.config import load_config
-from denoc_ros.cli.node_parameters import node_parameters, write_parameters
+from denoc_ros.cli.session.node_parameters import node_parameters, write_parameters
+from denoc_ros.cli.session.session_config import load_config
 from denoc_ros.dynamics.robot import load_robot
+from denoc_ros.nodes.base.messages import exact_bytes, message_class
 from denoc_ros.nodes.feedforward import FeedforwardNode
-from denoc_ros.nodes.messages import exact_bytes, message_class
 from denoc_ros.nodes.plant import PlantNode
 from denoc_ros.nodes.predictor import PredictorNode
 from denoc_ros.nodes.session_client import reference_message
-from denoc_ros.runtime.timing import RealtimeLoop
-from denoc_ros.simulation.reference import trajectory_from_config
+from denoc_ros.runtime.loop.realtime_loop import RealtimeLoop
+from denoc_ros.simulation.reference_motion import trajectory_from_config
 
 NODES = {'plant': PlantNode, 'feedforward': FeedforwardNode, 'predictor': PredictorNode}
 DELIVERED = 0.002  # s until a message has come

@@ -24,8 +24,8 @@ from typing import Any
 
 import numpy as np
 
-from denoc_ros.cli.processes import free_domain
-from denoc_ros.dynamics.feedforward import TorqueFeedforward
+from denoc_ros.cli.session.processes import free_domain
+from denoc_ros.dynamics.driven.torque_feedforward import TorqueFeedforward
 from denoc_ros.dynamics.robot import load_robot
 from denoc_ros.errors import DenocError
 from denoc_ros.studies.benchmarks.results import BenchCheck, BenchLine, Reach, relative_error

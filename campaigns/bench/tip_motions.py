@@ -17,10 +17,10 @@ from control_runs import ROBOTS, Reference, carried_out, cycloid
 from panda_strip import SIDE, panda_strip
 
 import denoc_ros as dn
-from denoc_ros.control.asked_motion import AskedMotion
-from denoc_ros.control.plan import Plan
-from denoc_ros.control.plan_simulation import carry_out, planned
-from denoc_ros.simulation.reference import Circle, follow
+from denoc_ros.dynamics.driven.motion_plan import Plan
+from denoc_ros.planning.plan_simulation import carry_out, planned
+from denoc_ros.planning.tip.asked_motion import AskedMotion
+from denoc_ros.simulation.reference_motion import Circle, follow
 from denoc_ros.types import Array
 
 CIRCLE = Circle('tool', np.array([0.25, 0.1443, 0.0]), 0.06, 1.0)

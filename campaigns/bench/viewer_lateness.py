@@ -22,11 +22,11 @@ from bench.lateness import p99, p99_ratio
 from bench.lateness_command import run
 from bench.load_bench import SETTLING, Bench, benched, in_a_moment
 
-from denoc_ros.cli.config import load_config
-from denoc_ros.cli.node_parameters import write_parameters
+from denoc_ros.cli.session.node_parameters import write_parameters
+from denoc_ros.cli.session.session_config import load_config
 from denoc_ros.dynamics.robot import load_robot
 from denoc_ros.errors import DenocError
-from denoc_ros.simulation.reference import trajectory_from_config
+from denoc_ros.simulation.reference_motion import trajectory_from_config
 from denoc_ros.types import Array
 
 LOOP_RATE, PRIORITY = 1000.0, 40
@@ -150,7 +150,7 @@ class Session:
             driver.forget('viewer')
         elif 'address' not in driver.diagnostics('viewer: page'):
             file = str(self._bench.folder / 'viewer.yaml')
-            arguments = ['denoc_ros.nodes.viewer', '--ros-args', '--params-file', file]
+            arguments = ['denoc_ros.viewer.viewer', '--ros-args', '--params-file', file]
             processes.start_plain('viewer', arguments)
             driver.wait_active('viewer', START_TIMEOUT)
         if kind == 'watched':

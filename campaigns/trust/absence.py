@@ -35,10 +35,10 @@ def publisher(rate: float, priority: int, file: Path) -> None:
     from sensor_msgs.msg import JointState
 
     from denoc_ros.bags.joint_state import JointStateMessage
-    from denoc_ros.nodes.messages import STATE
-    from denoc_ros.nodes.middleware import use_sockets
-    from denoc_ros.nodes.process import SWITCH_INTERVAL
-    from denoc_ros.runtime.timing import RealtimeLoop
+    from denoc_ros.nodes.base.messages import STATE
+    from denoc_ros.nodes.base.middleware import use_sockets
+    from denoc_ros.nodes.base.process import SWITCH_INTERVAL
+    from denoc_ros.runtime.loop.realtime_loop import RealtimeLoop
 
     told: list[int] = []
     signal.signal(signal.SIGINT, lambda number, _: told.append(number))

@@ -34,8 +34,8 @@ from trust.siege_scenes import FALLEN_SILENT, FEED
 from trust.siege_stage import ANSWER, SiegeStage
 from trust.sockets import attack_page
 
-from denoc_ros.cli.warmup import HEAVY, all_kernels
-from denoc_ros.kernels.cache import SUFFIX
+from denoc_ros.cli.warmup_verb import HEAVY, all_kernels
+from denoc_ros.kernels.jit.cache import SUFFIX
 from denoc_ros.trajectories import SplineTrajectory
 
 STROKE, LASTING = 0.05, 1.0  # rad or m, and s, of a motion that is stopped on its way

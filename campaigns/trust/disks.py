@@ -13,7 +13,7 @@ from trust.stage import PATIENCE, Stage
 
 from denoc_ros.bags.reader import read_bag
 from denoc_ros.bags.recover import recover
-from denoc_ros.cli.node_parameters import write_parameters
+from denoc_ros.cli.session.node_parameters import write_parameters
 
 TOPICS = ['/joint_states', '/feedforward/effort']
 FLUSH = 0.2  # s

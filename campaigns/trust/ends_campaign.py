@@ -28,7 +28,8 @@ from node_robots import GRAVITY
 from trust.stage import PARAMETERS, PATIENCE, Stage, StageError, staged
 from trust.zygote import NODES, Zygote
 
-from denoc_ros.cli.node_parameters import write_parameters
+from denoc_ros.cli.session.node_parameters import write_parameters
+from denoc_ros.parts import node_main
 
 SIGNALS = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
 PHASES = ('importing', 'starting', 'waiting', 'inactive', 'active', 'working')
@@ -101,7 +102,7 @@ class Ends:
         arguments += ['-r', 'joint_states:=plant/joint_states'] if node == 'plant' else []
         if phase != 'importing':
             return self._zygote.start(node, arguments, log)
-        self.stage.processes.start(node, ['-m', f'denoc_ros.nodes.{node}', *arguments])
+        self.stage.processes.start(node, ['-m', node_main(node), *arguments])
         return self.stage.processes._running.pop(node)
 
     def _parameters(self, node: str) -> dict[str, Any]:

@@ -41,9 +41,9 @@ from sensor_msgs.msg import JointState
 
 from denoc_ros.bags.reader import read_bag
 from denoc_ros.dynamics.robot import load_robot
-from denoc_ros.nodes.messages import EVERY_MESSAGE
-from denoc_ros.nodes.simulated_time import TickProgress
-from denoc_ros.runtime.status import OK
+from denoc_ros.nodes.base.messages import EVERY_MESSAGE
+from denoc_ros.nodes.base.simulated_time import TickProgress
+from denoc_ros.runtime.loop.status import OK
 from denoc_ros.trajectories import CycloidalTrajectory
 from denoc_ros.types import Array
 

@@ -24,6 +24,8 @@ from typing import Any
 import yaml
 from bench.rates_blocks import domain
 
+from denoc_ros.parts import node_main
+
 CONFIG = Path(__file__).resolve().parents[2] / 'config'
 CHOICES: dict[str, tuple[str, ...]] = {
     'none': (),
@@ -50,7 +52,7 @@ def processes(node: str, run: Path) -> list[int]:
     for entry in Path('/proc').glob('[0-9]*'):
         with suppress(OSError):
             words = (entry / 'cmdline').read_text()
-            if f'nodes.{node}\0' in words and str(run) in words:
+            if f'{node_main(node)}\0' in words and str(run) in words:
                 found.append(int(entry.name))
     return found
 

@@ -25,6 +25,7 @@ from trust.ends_campaign import BAD_WORDS
 from trust.session_ends import left_over
 
 from denoc_ros.bags.reader import bag_topics
+from denoc_ros.parts import node_main
 
 PATIENCE = 240.0  # s
 NODES = ('recorder', 'plant', 'predictor', 'feedforward')
@@ -62,7 +63,7 @@ def process_of(folder: Path, node: str) -> int:
     for entry in Path('/proc').iterdir():
         with suppress(OSError):
             line = (entry / 'cmdline').read_text().split('\0')
-            if f'denoc_ros.nodes.{node}' in line and any(f'{folder}/' in each for each in line):
+            if node_main(node) in line and any(f'{folder}/' in each for each in line):
                 return int(entry.name)
     raise AssertionError(f'no process of {node}')
 

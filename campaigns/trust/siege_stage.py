@@ -42,14 +42,15 @@ from trust.siege_scenes import FEED, PRIORITY, Scene
 from trust.stage import FEED_PRIORITY, StageError, StageProcesses, stamp
 from trust.witness import DEEP, Witness
 
-from denoc_ros.cli.node_parameters import write_parameters
+from denoc_ros.cli.session.node_parameters import write_parameters
+from denoc_ros.dynamics.elastic.state_bounds import StateBounds
 from denoc_ros.dynamics.robot import load_robot
-from denoc_ros.dynamics.state_bounds import StateBounds
 from denoc_ros.errors import StateError
-from denoc_ros.kernels.cache import cache_folder
-from denoc_ros.nodes.messages import time_message
-from denoc_ros.nodes.middleware import PROFILES, use_sockets
-from denoc_ros.runtime.realtime import make_thread_timely
+from denoc_ros.kernels.jit.cache import cache_folder
+from denoc_ros.nodes.base.messages import time_message
+from denoc_ros.nodes.base.middleware import PROFILES, use_sockets
+from denoc_ros.parts import node_main
+from denoc_ros.runtime.loop.realtime import make_thread_timely
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 LOOK = 0.02  # s between two looks of the witness
@@ -255,7 +256,7 @@ class SiegeStage:
         bags = self.folder / f'recordings_{self.starts[node]}'
         bags.mkdir(exist_ok=True)
         write_parameters(file, self.scene.parameters(node, bags))
-        arguments = ['-m', f'denoc_ros.nodes.{node}', '--ros-args', *self.scene.remapped(node)]
+        arguments = ['-m', node_main(node), '--ros-args', *self.scene.remapped(node)]
         self.processes.start(node, [*arguments, '--params-file', str(file)])
         self._meter.stdin.write(f'{node} {self.process(node).pid}\n'.encode())
         self._meter.stdin.flush()

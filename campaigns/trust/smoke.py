@@ -20,7 +20,7 @@ from pathlib import Path
 
 from pages import LINK
 
-from denoc_ros.cli.config import NODES
+from denoc_ros.cli.session.session_config import NODES
 
 ROOT = Path(__file__).resolve().parents[2]
 PATIENCE = 600.0  # s: compiles of all kernels on a slow machine
@@ -31,19 +31,20 @@ from contextlib import redirect_stdout
 from importlib import import_module
 from pathlib import Path
 import denoc_ros
-from denoc_ros.cli.config import share_directory
-from denoc_ros.cli.main import VERBS, main
+from denoc_ros.cli.session.session_config import share_directory
+from denoc_ros.cli.main import main, verbs
+from denoc_ros.parts import node_main
 share, package = share_directory(), Path(denoc_ros.__file__).parent
 assert not (package.parent / 'package.xml').exists(), package
 assert package.joinpath('py.typed').is_file()
 robots = sorted(share.glob('config/robots/*.urdf'))
 for path in robots:
     denoc_ros.load_robot(path)
-for verb in VERBS:
+for verb in verbs():
     with redirect_stdout(io.StringIO()) as shown:
         assert main([verb, '--help']) == 0, verb
     assert shown.getvalue().startswith('usage: denoc ' + verb), verb
-names = [f'denoc_ros.nodes.{name}' for name in NODES]
+names = [node_main(name) for name in NODES]
 for name in names:
     assert callable(import_module(name).main), name
 launched = sorted(share.glob('launch/*.launch.py'))

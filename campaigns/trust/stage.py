@@ -35,9 +35,10 @@ from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from denoc_ros.cli.node_parameters import write_parameters
-from denoc_ros.cli.processes import Processes
-from denoc_ros.runtime.realtime import make_thread_timely
+from denoc_ros.cli.session.node_parameters import write_parameters
+from denoc_ros.cli.session.processes import Processes
+from denoc_ros.parts import node_main
+from denoc_ros.runtime.loop.realtime import make_thread_timely
 
 POSTURE, GOAL = [0.4, -0.7], [0.1, 0.2]
 RATE = 500.0  # Hz of the loop
@@ -265,7 +266,7 @@ class Stage:
         """Start a node as a process."""
         file = self.folder / f'{node}.yaml'
         write_parameters(file, dict(parameters))
-        arguments = ['-m', f'denoc_ros.nodes.{node}', '--ros-args', '--params-file', str(file)]
+        arguments = ['-m', node_main(node), '--ros-args', '--params-file', str(file)]
         self.processes.start(node, arguments)
 
     def start_feedforward(self) -> float:

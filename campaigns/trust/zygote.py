@@ -83,9 +83,10 @@ class Zygote:
 
 def main() -> None:
     import denoc_ros as dn
-    from denoc_ros.nodes import feedforward, plant, predictor, recorder, shaper, viewer
-    from denoc_ros.runtime.ending import SIGNALS
-    from denoc_ros.viewer import page
+    from denoc_ros.nodes import feedforward, plant, predictor, recorder
+    from denoc_ros.planning import shaper
+    from denoc_ros.runtime.loop.ending import SIGNALS
+    from denoc_ros.viewer import page, viewer
 
     assert page is not None
     modules = dict(

@@ -10,11 +10,11 @@ from inspect import signature
 from pathlib import Path
 from typing import Any, TypeVar
 
-from denoc_ros.cli.config import find_file, parse_setting
+from denoc_ros.cli.session.session_config import find_file, parse_setting
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import ConfigError
-from denoc_ros.reports.run_files import EARTH
 from denoc_ros.settings import KINDS, Kind, Parameter, declared, parameter
+from denoc_ros.simulation.recorded.run_files import EARTH
 
 Settings = TypeVar('Settings')
 

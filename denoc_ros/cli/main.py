@@ -17,7 +17,7 @@ from typing import Any, NoReturn
 
 from denoc_ros.cli import end_at_once
 from denoc_ros.cli.interrupts import interrupt, is_made_by_interrupt, noted_interrupts
-from denoc_ros.cli.verbs import ACTIONS, BAD_INPUT, DEFAULT_ACTION, INTERRUPTED, STUDIES, VERBS
+from denoc_ros.cli.verbs import BAD_INPUT, INTERRUPTED, verbs
 from denoc_ros.errors import ConfigError, DenocError
 from denoc_ros.terminal_text import say, visible_record
 
@@ -62,8 +62,8 @@ class Version(argparse.Action):
         """Print the package's version, its commit where known, and where its pages are."""
         from importlib.metadata import version
 
-        from denoc_ros.cli.config import share_directory
-        from denoc_ros.reports.versions import source_commit
+        from denoc_ros.cli.session.session_config import share_directory
+        from denoc_ros.versions import source_commit
 
         commit = source_commit(Path(__file__).resolve().parents[1])
         say(f'denoc_ros {version("denoc_ros")}' + (f' (commit {commit})' if commit else ''))
@@ -92,7 +92,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         if is_process:
             _require_streams()
-        status = _execute(_with_action(arguments), is_process)
+        status = _execute(arguments, is_process)
     except BaseException as error:
         if not (isinstance(error, KeyboardInterrupt) or is_made_by_interrupt(error)):
             raise
@@ -110,10 +110,11 @@ def _execute(arguments: list[str], is_process: bool) -> int:
     verb = arguments[0] if arguments else ''
     try:
         with noted_interrupts() if is_process else nullcontext():
+            arguments = _completed(arguments)
             parser = build_parser(arguments)
         args = parser.parse_args(arguments)
         ConfigError.raise_any('command line', args.findings)
-        from denoc_ros.reports.provenance import command_line
+        from denoc_ros.cli.provenance import command_line
 
         args.command, args.is_process = command_line(arguments), is_process
         _show_log()
@@ -150,15 +151,15 @@ def build_parser(arguments: Sequence[str] = ()) -> Parser:
     )
     parser.add_argument('--version', action=Version, nargs=0, help='print the version and exit')
     subparsers = parser.add_subparsers(dest='verb', metavar='VERB', required=True)
-    if not arguments or arguments[0] not in VERBS:
-        for name, text in VERBS.items():
-            subparsers.add_parser(name, help=text)
+    known = verbs()
+    if not arguments or arguments[0] not in known:
+        for name, row in known.items():
+            subparsers.add_parser(name, help=row.help)
         return parser
     verb = arguments[0]
-    room = 'studies' if verb in STUDIES else 'cli'
-    module = importlib.import_module(f'denoc_ros.{room}.{verb}')
-    named = subparsers.add_parser(verb, help=VERBS[verb], description=module.DESCRIPTION)
-    if verb == 'identify':
+    module = _module(verb)
+    named = subparsers.add_parser(verb, help=known[verb].help, description=module.DESCRIPTION)
+    if hasattr(module, 'add_actions'):
         module.add_actions(named, arguments[1] if len(arguments) > 1 else '')
     else:
         module.add_options(named)
@@ -166,12 +167,18 @@ def build_parser(arguments: Sequence[str] = ()) -> Parser:
     return parser
 
 
-def _with_action(arguments: list[str]) -> list[str]:
-    """Put a verb's default action in where a verb that has actions is given none."""
-    if len(arguments) < 2 or arguments[0] != 'identify' or arguments[1].startswith('-'):
+def _module(verb: str) -> Any:
+    return importlib.import_module(f'denoc_ros.{verbs()[verb].module}')
+
+
+def _completed(arguments: list[str]) -> list[str]:
+    """Put the default action in where a verb that has actions is given none."""
+    if len(arguments) < 2 or arguments[0] not in verbs() or arguments[1].startswith('-'):
         return arguments
-    given = [] if arguments[1] in ACTIONS else [DEFAULT_ACTION]
-    return [arguments[0], *given, *arguments[1:]]
+    module = _module(arguments[0])
+    if not hasattr(module, 'add_actions') or arguments[1] in module.ACTIONS:
+        return arguments
+    return [arguments[0], module.DEFAULT_ACTION, *arguments[1:]]
 
 
 def _show_log() -> None:
@@ -187,7 +194,7 @@ def _show_log() -> None:
 
 def _leave_compiler() -> None:
     """End now if a kernel is being compiled, for which the interpreter would wait."""
-    compiling = sys.modules.get('denoc_ros.kernels.compiling')
+    compiling = sys.modules.get('denoc_ros.kernels.jit.compiling')
     if compiling is not None and compiling.at_work():
         sys.stdout.flush()
         sys.stderr.flush()

@@ -13,7 +13,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from denoc_ros.cli.arguments import add_option
-from denoc_ros.runtime.ending import SIGNALS
+from denoc_ros.runtime.loop.ending import SIGNALS
 
 
 def speed(text: str) -> float:
@@ -33,7 +33,7 @@ def speed(text: str) -> float:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Play a bag as a process; return the exit status."""
-    from denoc_ros.nodes import player
+    from denoc_ros.nodes import bag_player as player
 
     given = list(sys.argv[1:] if arguments is None else arguments)
     parser = argparse.ArgumentParser(prog='denoc_ros.cli.player', description=player.__doc__)
@@ -56,6 +56,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
 if __name__ == '__main__':
     SIGNALS.end_at_once()  # until the node is there
     status = main()
-    from denoc_ros.nodes.process import leave
+    from denoc_ros.nodes.base.process import leave
 
     leave(status)

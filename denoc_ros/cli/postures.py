@@ -9,11 +9,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from denoc_ros.cli.arguments import add_option
+from denoc_ros.cli.robot_text import Posture
 from denoc_ros.dynamics.equilibrium import Equilibrium
-from denoc_ros.dynamics.natural_modes import independent_joints
+from denoc_ros.dynamics.linear.natural_modes import independent_joints
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import ConfigError
-from denoc_ros.reports.robot import Posture
 
 
 def add_postures(parser: argparse.ArgumentParser) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from denoc_ros.dynamics.constraints import RANK, closure_rows, jacobian, least_solution
+from denoc_ros.dynamics.constrained_dynamics import RANK, closure_rows, jacobian, least_solution
 from denoc_ros.dynamics.robot_model import RobotModel
 from denoc_ros.errors import SolverError, StateError
 from denoc_ros.types import Array

@@ -8,15 +8,15 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from denoc_ros.dynamics.constraints import RANK, closure_rows, jacobian
-from denoc_ros.dynamics.derivatives import DifferentiableModel
-from denoc_ros.dynamics.natural_modes import stiffness
+from denoc_ros.dynamics.constrained_dynamics import RANK, closure_rows, jacobian
+from denoc_ros.dynamics.dynamics_derivatives import DifferentiableModel
+from denoc_ros.dynamics.linear.natural_modes import stiffness
 from denoc_ros.dynamics.springs import half_play
 from denoc_ros.dynamics.validation import as_vector
 from denoc_ros.errors import SolverError
-from denoc_ros.kernels.compiled import ready
-from denoc_ros.kernels.inverse_derivatives import inverse_dynamics_derivatives
-from denoc_ros.kernels.load_derivatives import subtract_load_rows
+from denoc_ros.kernels.derivatives.inverse_derivatives import inverse_dynamics_derivatives
+from denoc_ros.kernels.derivatives.load_derivatives import subtract_load_rows
+from denoc_ros.kernels.jit.compiled import ready
 from denoc_ros.types import Array
 
 Int = NDArray[np.int64]

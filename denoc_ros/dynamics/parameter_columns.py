@@ -8,14 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from denoc_ros.dynamics.base_motion import Base
+from denoc_ros.dynamics.base.base_motion import Base
 from denoc_ros.dynamics.robot_model import Held, RobotModel
 from denoc_ros.dynamics.tree_dynamics import TreeDynamics
 from denoc_ros.errors import ConfigError
-from denoc_ros.kernels import layout
+from denoc_ros.kernels.layout import layout
 from denoc_ros.model.arrays import inertia_row, is_flexible, rigid_inertia
-from denoc_ros.model.friction import slip
+from denoc_ros.model.beams.segments import PARTS, whole_beams
 from denoc_ros.model.inertia import from_centre, moved
+from denoc_ros.model.joint_friction import slip
 from denoc_ros.model.numbers import (
     JOINT_FIELDS,
     RIGIDITIES,
@@ -27,7 +28,6 @@ from denoc_ros.model.numbers import (
     some_of,
 )
 from denoc_ros.model.payloads import carrying_links, payloads_of
-from denoc_ros.model.segments import PARTS, whole_beams
 from denoc_ros.model.tree import Beam, RigidInertia
 from denoc_ros.types import Array
 

@@ -8,9 +8,10 @@ import numpy as np
 
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.springs import with_motors
-from denoc_ros.kernels import constraint_layout, world
-from denoc_ros.kernels import layout as at_
-from denoc_ros.model.constraints import directions
+from denoc_ros.kernels.dynamics import world
+from denoc_ros.kernels.layout import constraint_layout
+from denoc_ros.kernels.layout import layout as at_
+from denoc_ros.model.loop_constraints import directions
 from denoc_ros.types import Array
 
 

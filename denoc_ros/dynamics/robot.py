@@ -9,21 +9,21 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from denoc_ros.dynamics import equilibrium
-from denoc_ros.dynamics import natural_modes as modes
-from denoc_ros.dynamics.base_motion import Base, on_base
-from denoc_ros.dynamics.batch import each_row
-from denoc_ros.dynamics.floating_base import ATTITUDE, wrap_attitude
-from denoc_ros.dynamics.linear_model import LinearModel
-from denoc_ros.dynamics.linearize import linearize as linear_model_about
+from denoc_ros.dynamics.base.base_motion import Base, on_base
+from denoc_ros.dynamics.base.floating_base import ATTITUDE, wrap_attitude
+from denoc_ros.dynamics.linear import natural_modes as modes
+from denoc_ros.dynamics.linear.linear_model import LinearModel
+from denoc_ros.dynamics.linear.linearize import linearize as linear_model_about
 from denoc_ros.dynamics.parameter_columns import DIAGONAL_TERMS, Column, find_columns, massless
 from denoc_ros.dynamics.rotations import left_jacobians, rotation_vectors, rotations
 from denoc_ros.dynamics.sensor_values import SensorValues
+from denoc_ros.dynamics.state_rows import each_row
 from denoc_ros.dynamics.tree_dynamics import TreeDynamics, Wrenches
 from denoc_ros.dynamics.validation import as_output, as_states, as_vector, same_rows
 from denoc_ros.errors import StateError
-from denoc_ros.model.friction import slip
-from denoc_ros.model.poses import pose_of
-from denoc_ros.model.urdf import load_tree
+from denoc_ros.model.joint_friction import slip
+from denoc_ros.model.reading.poses import pose_of
+from denoc_ros.model.reading.urdf import load_tree
 from denoc_ros.types import Array
 
 

@@ -10,27 +10,20 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from denoc_ros.dynamics.base_motion import AT_REST, Base, BaseMotion, as_base_motion
-from denoc_ros.dynamics.section import AnySection
+from denoc_ros.dynamics.base.base_motion import AT_REST, Base, BaseMotion, as_base_motion
+from denoc_ros.dynamics.elastic.section import AnySection
 from denoc_ros.dynamics.validation import as_vector, require_finite, require_rotors
 from denoc_ros.errors import SolverError, StateError
-from denoc_ros.kernels import (
-    articulated,
-    closing,
-    closure,
-    composite,
-    constrained,
-    handle,
-    inverse,
-    layout,
-    world,
-)
-from denoc_ros.kernels import handle as rec_
-from denoc_ros.kernels import layout as at_
-from denoc_ros.kernels.array_object import FLOAT64, array_type
-from denoc_ros.kernels.compiled import ready
-from denoc_ros.kernels.handle import GOOD, NOT_FINITE, SINGULAR
-from denoc_ros.kernels.link_side import STATES as LINK_STATES
+from denoc_ros.kernels.constraints import closing, closure, constrained
+from denoc_ros.kernels.dynamics import articulated, composite, inverse, world
+from denoc_ros.kernels.dynamics.link_side_dynamics import STATES as LINK_STATES
+from denoc_ros.kernels.jit import handle
+from denoc_ros.kernels.jit import handle as rec_
+from denoc_ros.kernels.jit.array_object import FLOAT64, array_type
+from denoc_ros.kernels.jit.compiled import ready
+from denoc_ros.kernels.jit.handle import GOOD, NOT_FINITE, SINGULAR
+from denoc_ros.kernels.layout import layout
+from denoc_ros.kernels.layout import layout as at_
 from denoc_ros.model.arrays import ModelArrays, inertia_row, rigid_inertia, to_arrays
 from denoc_ros.model.coordinates import diagonals
 from denoc_ros.model.inertia import difference, from_centre, inverse_transform, moved, total

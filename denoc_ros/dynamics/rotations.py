@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from denoc_ros.kernels.rotation import write_quaternion
+from denoc_ros.kernels.algebra.rotation import write_quaternion
 from denoc_ros.types import Array
 
 SMALL = 1e-2  # rad^2, below which series take over

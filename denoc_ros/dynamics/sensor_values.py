@@ -21,19 +21,19 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from denoc_ros.dynamics import structure
-from denoc_ros.dynamics.base_motion import Base, on_base
-from denoc_ros.dynamics.batch import run_rows
-from denoc_ros.dynamics.derivatives import DifferentiableModel
+from denoc_ros.dynamics.base.base_motion import Base, on_base
+from denoc_ros.dynamics.dynamics_derivatives import DifferentiableModel
+from denoc_ros.dynamics.elastic.section import AnySection, SegmentedSection
 from denoc_ros.dynamics.robot_model import with_numbers_of
 from denoc_ros.dynamics.rotations import cross_matrices
-from denoc_ros.dynamics.section import AnySection, SegmentedSection
+from denoc_ros.dynamics.state_rows import run_rows
 from denoc_ros.dynamics.structure import body_amplitudes
 from denoc_ros.dynamics.validation import as_output, as_states, same_rows
 from denoc_ros.errors import StateError
-from denoc_ros.kernels import frame_motion
+from denoc_ros.kernels.dynamics import frame_motion
 from denoc_ros.model.arrays import ModelArrays
-from denoc_ros.model.segments import locate
-from denoc_ros.model.shapes import HINGE, STEP, CutShapes
+from denoc_ros.model.beams.segments import locate
+from denoc_ros.model.beams.shapes import HINGE, STEP, CutShapes
 from denoc_ros.model.tree import InertialSensor, Sensor, Tree
 from denoc_ros.types import Array
 

@@ -7,17 +7,17 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from denoc_ros.dynamics.batch import run_rows
-from denoc_ros.dynamics.constraints import raise_status
+from denoc_ros.dynamics.constrained_dynamics import raise_status
 from denoc_ros.dynamics.robot import Robot
+from denoc_ros.dynamics.state_rows import run_rows
 from denoc_ros.errors import ModelError, StateError
-from denoc_ros.kernels.articulated import articulated_dynamics
-from denoc_ros.kernels.closing import advance_tied
-from denoc_ros.kernels.compiled import entry, ready
-from denoc_ros.kernels.constrained import constrained_dynamics_rows
-from denoc_ros.kernels.driven_step import advance_driven, driven_torque, take_measurement
-from denoc_ros.kernels.handle import DAMPING, GOOD, MISFIT, NOT_FINITE, STIFFNESS
-from denoc_ros.kernels.step import ALONG_ROWS, STEP_ROWS, advance_along
+from denoc_ros.kernels.constraints.closing import advance_tied
+from denoc_ros.kernels.constraints.constrained import constrained_dynamics_rows
+from denoc_ros.kernels.dynamics.articulated import articulated_dynamics
+from denoc_ros.kernels.dynamics.driven_step import advance_driven, driven_torque, take_measurement
+from denoc_ros.kernels.dynamics.step import ALONG_ROWS, STEP_ROWS, advance_along
+from denoc_ros.kernels.jit.compiled import entry, ready
+from denoc_ros.kernels.jit.handle import DAMPING, GOOD, MISFIT, NOT_FINITE, STIFFNESS
 from denoc_ros.types import Array
 
 # steps of robots without constraints
@@ -28,8 +28,8 @@ class Stepper:
     """Advances a robot's state by a fixed step; allocates nothing per call.
 
     A Rosenbrock W-method of order 2, linearly implicit in elasticity, damping and friction, so a
-    mode faster than the step stays stable (see :mod:`denoc_ros.kernels.step`). Loops stay closed
-    and mimic joints on their leaders: every state it leaves obeys them to rounding.
+    mode faster than the step stays stable (see :mod:`denoc_ros.kernels.dynamics.step`). Loops stay
+    closed and mimic joints on their leaders: every state it leaves obeys them to rounding.
 
     Parameters
     ----------
@@ -202,7 +202,8 @@ class Stepper:
         Parameters
         ----------
         numbers, tracked : arrays
-            As `numbers` and `state` of :func:`denoc_ros.kernels.driven_step.take_measurement`.
+            As `numbers` and `state` of
+            :func:`denoc_ros.kernels.dynamics.driven_step.take_measurement`.
         measured : pair of (driven,) arrays
             Positions and, if `has_rate`, rates.
         tau, q, qd : (n,) arrays

@@ -5,12 +5,18 @@ from __future__ import annotations
 import numpy as np
 import scipy.linalg
 
+from denoc_ros.dynamics.elastic.section import (
+    AnySection,
+    ComponentSection,
+    Section,
+    SegmentedSection,
+)
 from denoc_ros.dynamics.robot_model import RobotModel
 from denoc_ros.dynamics.rotations import cross_matrices
-from denoc_ros.dynamics.section import AnySection, ComponentSection, Section, SegmentedSection
 from denoc_ros.errors import StateError
-from denoc_ros.kernels import layout, world
-from denoc_ros.model.segments import WholeBeam, whole_beams
+from denoc_ros.kernels.dynamics import world
+from denoc_ros.kernels.layout import layout
+from denoc_ros.model.beams.segments import WholeBeam, whole_beams
 from denoc_ros.model.tree import Sensor
 from denoc_ros.types import Array
 

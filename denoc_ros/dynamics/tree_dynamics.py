@@ -7,10 +7,11 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from denoc_ros.dynamics import assembling, constraints, structure
-from denoc_ros.dynamics.base_motion import Base, on_base
-from denoc_ros.dynamics.batch import each_row, run_rows
+from denoc_ros.dynamics import assembling, structure
+from denoc_ros.dynamics import constrained_dynamics as constraints
+from denoc_ros.dynamics.base.base_motion import Base, on_base
 from denoc_ros.dynamics.robot_model import RobotModel, Split
+from denoc_ros.dynamics.state_rows import each_row, run_rows
 from denoc_ros.dynamics.validation import (
     as_output,
     as_outputs,
@@ -21,9 +22,10 @@ from denoc_ros.dynamics.validation import (
     same_rows,
 )
 from denoc_ros.errors import StateError
-from denoc_ros.kernels import articulated, composite, constrained, inverse, sprung, world
-from denoc_ros.kernels.compiled import entry, ready
-from denoc_ros.kernels.handle import GOOD, MISFIT
+from denoc_ros.kernels.constraints import constrained
+from denoc_ros.kernels.dynamics import articulated, composite, inverse, sprung, world
+from denoc_ros.kernels.jit.compiled import entry, ready
+from denoc_ros.kernels.jit.handle import GOOD, MISFIT
 from denoc_ros.model.arrays import ModelArrays
 from denoc_ros.types import Array
 

@@ -12,14 +12,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from denoc_ros.dynamics.elastic.section import Section
 from denoc_ros.dynamics.equilibrium import response
 from denoc_ros.dynamics.robot import Robot
-from denoc_ros.dynamics.section import Section
 from denoc_ros.dynamics.springs import spring_indices
 from denoc_ros.errors import StateError
-from denoc_ros.kernels.compiled import entry, ready
-from denoc_ros.kernels.kalman import predict_covariance, take_readings, take_values
-from denoc_ros.kernels.step import GAMMA
+from denoc_ros.kernels.algebra.kalman import predict_covariance, take_readings, take_values
+from denoc_ros.kernels.dynamics.step import GAMMA
+from denoc_ros.kernels.jit.compiled import entry, ready
 from denoc_ros.model.arrays import is_flexible
 from denoc_ros.types import Array
 
@@ -100,7 +100,7 @@ class AmplitudeFilter:
     -----
     M d'' + C d' + K d = f + ..., with M^-1 the amplitudes' block of the response of all that is
     free, K and C the diagonals of elasticity and damping. x' = J x is stepped as the model is
-    (:mod:`denoc_ros.kernels.step`), by R(h J) with
+    (:mod:`denoc_ros.kernels.dynamics.step`), by R(h J) with
 
         R(z) = (1 + (1 - 2 gamma) z) / (1 - gamma z)^2.
 

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
-from denoc_ros.dynamics.base_motion import BaseMotion
+from denoc_ros.dynamics.base.base_motion import BaseMotion
 from denoc_ros.errors import StateError
 from denoc_ros.estimation.joint_motion import smooth
 from denoc_ros.types import Array
@@ -17,9 +17,9 @@ class BaseTrack:
     """Twist, acceleration and pose of a base at any time near the last readings.
 
     All is given and returned in the axes of the base frame, about its origin, as
-    :class:`denoc_ros.dynamics.base_motion.BaseMotion` says. What is not measured is found from
-    differences of what is, low-pass filtered: angular acceleration from rates, acceleration from
-    velocities.
+    :class:`denoc_ros.dynamics.base.base_motion.BaseMotion` says. What is not measured is found
+    from differences of what is, low-pass filtered: angular acceleration from rates, acceleration
+    from velocities.
 
     Parameters
     ----------

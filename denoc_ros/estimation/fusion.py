@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from denoc_ros.dynamics.elastic.state_history import StateHistory
 from denoc_ros.dynamics.robot import Robot
-from denoc_ros.dynamics.state_history import StateHistory
 from denoc_ros.dynamics.structure import composed_sensors, sensor_rows
 from denoc_ros.errors import StateError
 from denoc_ros.estimation.amplitude_filter import LARGEST, AmplitudeFilter, MeasurementModel

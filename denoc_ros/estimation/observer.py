@@ -8,24 +8,24 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from denoc_ros.dynamics.base_motion import BaseMotion
-from denoc_ros.dynamics.deflection import TipDeflections
-from denoc_ros.dynamics.driven_motion import driven_motion
+from denoc_ros.dynamics.base.base_motion import BaseMotion
+from denoc_ros.dynamics.base.reacting_base import ReactingBase
+from denoc_ros.dynamics.driven.driven_motion import driven_motion
+from denoc_ros.dynamics.driven.measured_side import MotorSide, WholeCoordinates
+from denoc_ros.dynamics.elastic.deflection import TipDeflections
+from denoc_ros.dynamics.elastic.state_bounds import StateBounds
 from denoc_ros.dynamics.equilibrium import Equilibrium, impulse_response
-from denoc_ros.dynamics.measured_side import MotorSide, WholeCoordinates
-from denoc_ros.dynamics.reacting_base import ReactingBase
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.springs import CUTOFF, GearSprings
-from denoc_ros.dynamics.state_bounds import StateBounds
 from denoc_ros.dynamics.stepper import Stepper, raise_step_status
 from denoc_ros.errors import SolverError
 from denoc_ros.estimation.fusion import StrainFusion
+from denoc_ros.estimation.joint_tracker import TrackingFilter, joining_acceleration
 from denoc_ros.estimation.observer_settings import ObserverSettings
-from denoc_ros.estimation.tracking import TrackingFilter, joining_acceleration
-from denoc_ros.kernels.articulated import articulated_dynamics
-from denoc_ros.kernels.compiled import entry
-from denoc_ros.kernels.driven_step import BANDWIDTH, INTERVAL, MEASURED, SHORTEST, STEP
-from denoc_ros.kernels.driven_step import MOST_STEPS as MOST
+from denoc_ros.kernels.dynamics.articulated import articulated_dynamics
+from denoc_ros.kernels.dynamics.driven_step import BANDWIDTH, INTERVAL, MEASURED, SHORTEST, STEP
+from denoc_ros.kernels.dynamics.driven_step import MOST_STEPS as MOST
+from denoc_ros.kernels.jit.compiled import entry
 from denoc_ros.types import Array
 
 Reference = Callable[[float], tuple[Array, Array, Array]]

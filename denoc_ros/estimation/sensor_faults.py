@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from denoc_ros.estimation.amplitude_filter import MEMORY, AmplitudeFilter
-from denoc_ros.kernels.compiled import entry
-from denoc_ros.kernels.fault_bank import advance_filters, compare_filters
+from denoc_ros.kernels.jit.compiled import entry
+from denoc_ros.kernels.runtime.fault_bank import advance_filters, compare_filters
 from denoc_ros.types import Array, Flags
 
 # What an estimate follows. The first is also the row of the filter that uses all trusted sensors.

@@ -9,19 +9,19 @@ from itertools import pairwise
 
 import numpy as np
 
-from denoc_ros.dynamics.base_motion import BaseMotion
-from denoc_ros.dynamics.constraints import mimic_ties
-from denoc_ros.dynamics.deflection import TipDeflections
-from denoc_ros.dynamics.driven_motion import driven_motion
-from denoc_ros.dynamics.measured_side import WholeCoordinates
+from denoc_ros.dynamics.base.base_motion import BaseMotion
+from denoc_ros.dynamics.constrained_dynamics import mimic_ties
+from denoc_ros.dynamics.driven.driven_motion import driven_motion
+from denoc_ros.dynamics.driven.measured_side import WholeCoordinates
+from denoc_ros.dynamics.elastic.deflection import TipDeflections
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.springs import GearSprings
 from denoc_ros.dynamics.stepper import Stepper, StepsAlong
 from denoc_ros.errors import ModelError
 from denoc_ros.estimation.base_track import BaseRecord
 from denoc_ros.estimation.joint_motion import SmoothedMotion
-from denoc_ros.estimation.tracking import connecting_acceleration
-from denoc_ros.model.friction import Friction
+from denoc_ros.estimation.joint_tracker import connecting_acceleration
+from denoc_ros.model.joint_friction import Friction
 from denoc_ros.types import Array, Flags
 
 

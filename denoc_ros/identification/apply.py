@@ -9,17 +9,17 @@ from typing import Any
 
 import numpy as np
 
-from denoc_ros.control.mode_table import ModeTable
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import ConfigError, IdentificationError
-from denoc_ros.identification.damping import (
+from denoc_ros.identification.decay.damping import (
     USABLE,
     Assigned,
     assign_damping,
     configuration,
     damping_overrides,
 )
-from denoc_ros.identification.modes import GOOD
+from denoc_ros.identification.decay.modes import GOOD
+from denoc_ros.model.mode_table import ModeTable
 
 SAME_MODE = 0.1  # largest step between the log frequencies of one mode in two runs
 REPEATABILITY = 1.96 * np.sqrt(2.0)  # of the deviation: what two runs differ by at most in 95 %

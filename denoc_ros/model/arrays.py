@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from denoc_ros.kernels import constraint_layout, derivative_layout, layout
-from denoc_ros.kernels.constrained_derivative_layout import lay_out
-from denoc_ros.model.beam_arrays import (
+from denoc_ros.kernels.layout import constraint_layout, derivative_layout, layout
+from denoc_ros.kernels.layout.constrained_derivative_layout import lay_out
+from denoc_ros.model.beams.beam_arrays import (
     ComponentPoints,
     beam_points,
     component_points,
@@ -18,7 +18,6 @@ from denoc_ros.model.beam_arrays import (
     section_constants,
     section_of_modes,
 )
-from denoc_ros.model.constraints import constraints_to_arrays
 from denoc_ros.model.coordinates import (
     SLIDING_MODES,
     SLIDING_SECTION,
@@ -31,10 +30,11 @@ from denoc_ros.model.coordinates import (
     massless_modes,
     names,
 )
-from denoc_ros.model.friction import SLIP_RATE
 from denoc_ros.model.inertia import beam_inertia
+from denoc_ros.model.joint_friction import SLIP_RATE
 from denoc_ros.model.link_side import has_springs, link_map, without_springs
-from denoc_ros.model.poses import pose_of
+from denoc_ros.model.loop_constraints import constraints_to_arrays
+from denoc_ros.model.reading.poses import pose_of
 from denoc_ros.model.tree import Attachment, Body, JointKind, RigidInertia, Tree
 from denoc_ros.types import Array
 
@@ -99,7 +99,7 @@ def pose_constants(body: Body, placement: Array, frame: Array) -> list[Array]:
 
 @dataclass(frozen=True)
 class ModelArrays:
-    """A robot as flat arrays, laid out as in :mod:`denoc_ros.kernels.layout`."""
+    """A robot as flat arrays, laid out as in :mod:`denoc_ros.kernels.layout.layout`."""
 
     # (1 + bodies + frames + constraints, TOPOLOGY_COLUMNS), row 0 the base
     topology: NDArray[np.uint32]

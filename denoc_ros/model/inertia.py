@@ -7,8 +7,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from denoc_ros.model.along import CONSTANT, Along
-from denoc_ros.model.poses import pose_of
+from denoc_ros.model.beams.along import CONSTANT, Along
+from denoc_ros.model.reading.poses import pose_of
 from denoc_ros.model.tree import RigidInertia
 from denoc_ros.types import Array
 

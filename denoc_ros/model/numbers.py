@@ -20,17 +20,17 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 
 from denoc_ros.errors import ConfigError
-from denoc_ros.model.coordinates import PARTS as FLOATING
-from denoc_ros.model.coordinates import diagonals
-from denoc_ros.model.findings import LARGEST, SMALLEST, Findings, as_text
-from denoc_ros.model.payloads import PAYLOAD_SIZES, WHERE, carrying_links, with_payloads
-from denoc_ros.model.segments import (
+from denoc_ros.model.beams.segments import (
     critical_damping,
     damping_ratios,
     deformations,
     inertia_of,
     locate,
 )
+from denoc_ros.model.coordinates import PARTS as FLOATING
+from denoc_ros.model.coordinates import diagonals
+from denoc_ros.model.payloads import PAYLOAD_SIZES, WHERE, carrying_links, with_payloads
+from denoc_ros.model.reading.findings import LARGEST, SMALLEST, Findings, as_text
 from denoc_ros.model.sensors import deviation_fields, sensor_row
 from denoc_ros.model.tree import INERTIAL_UNITS, Body, Joint, Sensor, Tree
 from denoc_ros.types import Array

@@ -16,8 +16,7 @@ import numpy as np
 from lxml import etree
 
 from denoc_ros.errors import ConfigError
-from denoc_ros.model.beam_sections import expand_section
-from denoc_ros.model.findings import Element, Findings, as_text, unknown_path
+from denoc_ros.model.beams.beam_sections import expand_section
 from denoc_ros.model.numbers import (
     DAMPING,
     FAMILIES,
@@ -30,11 +29,12 @@ from denoc_ros.model.numbers import (
     plain_paths,
 )
 from denoc_ros.model.payloads import WHERE, carrying_links, read_payload, with_payloads
-from denoc_ros.model.poses import number_text, rotation_rpy, rpy_of
+from denoc_ros.model.reading.findings import Element, Findings, as_text, unknown_path
+from denoc_ros.model.reading.poses import number_text, rotation_rpy, rpy_of
+from denoc_ros.model.reading.source import parse_xml, read_source, written
+from denoc_ros.model.reading.urdf import tree_of
 from denoc_ros.model.sensors import deviation_fields
-from denoc_ros.model.source import parse_xml, read_source, written
 from denoc_ros.model.tree import INERTIAL_SENSORS, Tree
-from denoc_ros.model.urdf import tree_of
 from denoc_ros.types import Array
 
 WHOLE_BEAM_FIELDS = ('shape', 'segments')

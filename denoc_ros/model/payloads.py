@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from denoc_ros.errors import ConfigError
-from denoc_ros.model.findings import Findings, as_text, finite, unknown_path
 from denoc_ros.model.inertia import from_centre, moved, total
+from denoc_ros.model.reading.findings import Findings, as_text, finite, unknown_path
 from denoc_ros.model.tree import Tree
 from denoc_ros.types import Array
 

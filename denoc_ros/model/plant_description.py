@@ -6,9 +6,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from denoc_ros.model.flexibility import MOST_MODES, MOST_SEGMENTS
-from denoc_ros.model.segments import damping_ratios, deformations
-from denoc_ros.model.shapes import SHAPES
+from denoc_ros.model.beams.segments import damping_ratios, deformations
+from denoc_ros.model.beams.shapes import SHAPES
+from denoc_ros.model.reading.flexibility import MOST_MODES, MOST_SEGMENTS
 from denoc_ros.model.tree import Beam, Tree
 
 KEYS = ('modes', 'shape', 'segments')

@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from denoc_ros.model.findings import Element, Findings, Reader
-from denoc_ros.model.segments import locate
+from denoc_ros.model.beams.segments import locate
+from denoc_ros.model.reading.findings import Element, Findings, Reader
 from denoc_ros.model.tree import (
     BEAM_SENSORS,
     INERTIAL_SENSORS,

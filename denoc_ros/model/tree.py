@@ -1,6 +1,7 @@
 """The robot model as an immutable tree of bodies, ready to be written to arrays.
 
-Produced from URDF + `<flexibility>` by :mod:`denoc_ros.model.urdf`; nothing here knows of files.
+Produced from URDF + `<flexibility>` by :mod:`denoc_ros.model.reading.urdf`; nothing here knows of
+files.
 """
 
 from __future__ import annotations
@@ -13,9 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from denoc_ros.model.along import CONSTANT, Along
-from denoc_ros.model.link_file import ReducedLink
-from denoc_ros.model.shapes import ShapeFunctions
+from denoc_ros.model.beams.along import CONSTANT, Along
+from denoc_ros.model.beams.link_file import ReducedLink
+from denoc_ros.model.beams.shapes import ShapeFunctions
 from denoc_ros.types import Array
 
 

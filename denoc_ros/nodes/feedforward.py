@@ -12,26 +12,27 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool
 from trajectory_msgs.msg import JointTrajectory
 
-from denoc_ros.dynamics.feedforward import TorqueFeedforward
+from denoc_ros.dynamics.driven.torque_feedforward import TorqueFeedforward
 from denoc_ros.dynamics.robot import Robot
-from denoc_ros.estimation.clock import StampClock
+from denoc_ros.estimation.stamp_clock import StampClock
 from denoc_ros.model.numbers import FAMILIES
-from denoc_ros.nodes.messages import EVERY_MESSAGE
-from denoc_ros.nodes.process import leave, run
-from denoc_ros.nodes.robot_node import RobotNode
+from denoc_ros.nodes.base.messages import EVERY_MESSAGE
+from denoc_ros.nodes.base.process import leave, run
+from denoc_ros.nodes.base.robot_node import RobotNode
 from denoc_ros.nodes.sensor_inputs import BaseInput
-from denoc_ros.nodes.torque import BaseWrench, ImpedanceOutput, TorqueFeedback, TorqueOutput
-from denoc_ros.runtime.clocks import StampOf
-from denoc_ros.runtime.feedforward_parameters import TABLE
-from denoc_ros.runtime.input_monitor import InputError, InputMonitor
-from denoc_ros.runtime.joint_gate import JointSample, joint_gate
-from denoc_ros.runtime.joint_input import JointInput
-from denoc_ros.runtime.motion_bounds import limits_of, motion_bounds
-from denoc_ros.runtime.parameters import Settings
-from denoc_ros.runtime.reference import FiniteDifferencer, reference_follower
-from denoc_ros.runtime.status import Status
-from denoc_ros.runtime.timing import PLACE, PhaseLock
-from denoc_ros.runtime.torque import (
+from denoc_ros.nodes.torque_output import BaseWrench, ImpedanceOutput, TorqueFeedback, TorqueOutput
+from denoc_ros.runtime.inputs.input_monitor import InputError, InputMonitor
+from denoc_ros.runtime.inputs.joint_gate import JointSample, joint_gate
+from denoc_ros.runtime.inputs.joint_input import JointInput
+from denoc_ros.runtime.inputs.trajectory_messages import has_many_points, read_trajectory
+from denoc_ros.runtime.loop.clocks import StampOf
+from denoc_ros.runtime.loop.realtime_loop import PLACE, PhaseLock
+from denoc_ros.runtime.loop.status import Status
+from denoc_ros.runtime.parameters.feedforward_parameters import TABLE
+from denoc_ros.runtime.parameters.parameter_table import Settings
+from denoc_ros.runtime.reference.reference import FiniteDifferencer, reference_follower
+from denoc_ros.runtime.safety.motion_bounds import limits_of, motion_bounds
+from denoc_ros.runtime.safety.torque import (
     STALE_JOINTS,
     CarryingTorque,
     FollowingConditions,
@@ -42,7 +43,6 @@ from denoc_ros.runtime.torque import (
     torque_feedforward,
     torque_limits,
 )
-from denoc_ros.runtime.trajectory_messages import has_many_points, read_trajectory
 from denoc_ros.settings import Value
 from denoc_ros.types import Array
 

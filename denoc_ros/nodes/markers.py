@@ -11,10 +11,10 @@ from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
 from denoc_ros.bags.cdr import stamp_fields
-from denoc_ros.dynamics.deflection import CentreLine
+from denoc_ros.dynamics.elastic.deflection import CentreLine
 from denoc_ros.dynamics.robot import Robot
-from denoc_ros.model.segments import whole_beams
-from denoc_ros.nodes.messages import STAMP, template
+from denoc_ros.model.beams.segments import whole_beams
+from denoc_ros.nodes.base.messages import STAMP, template
 from denoc_ros.types import Array
 
 STATIONS = 13

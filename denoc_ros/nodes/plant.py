@@ -15,35 +15,35 @@ from std_msgs.msg import Float64MultiArray, String
 from trajectory_msgs.msg import JointTrajectory
 
 from denoc_ros.bags.joint_state import FIELDS, IMPEDANCE, JointStateMessage
-from denoc_ros.dynamics.deflection import TipDeflections
-from denoc_ros.dynamics.driven_motion import DrivenMotion, driven_motion
+from denoc_ros.dynamics.driven.driven_motion import DrivenMotion, driven_motion
+from denoc_ros.dynamics.driven.measured_side import MeasuredStates
+from denoc_ros.dynamics.elastic.deflection import TipDeflections
 from denoc_ros.dynamics.equilibrium import Equilibrium
-from denoc_ros.dynamics.measured_side import MeasuredStates
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.rotations import quaternion
 from denoc_ros.errors import StateError
-from denoc_ros.kernels.compiled import entry
-from denoc_ros.kernels.torque_limits import saturate
-from denoc_ros.model.mjcf import SEGMENTS
+from denoc_ros.export.mjcf import SEGMENTS
+from denoc_ros.kernels.jit.compiled import entry
+from denoc_ros.kernels.runtime.torque_limits import saturate
 from denoc_ros.model.overrides import with_overrides
 from denoc_ros.model.plant_description import PlantDescription
-from denoc_ros.nodes.base import DenocNode
-from denoc_ros.nodes.messages import LATCHED, STATE, listeners, raw_publish
-from denoc_ros.nodes.process import leave, run
-from denoc_ros.nodes.robot_node import RobotNode
+from denoc_ros.nodes.base.denoc_node import DenocNode
+from denoc_ros.nodes.base.messages import LATCHED, STATE, listeners, raw_publish
+from denoc_ros.nodes.base.process import leave, run
+from denoc_ros.nodes.base.robot_node import RobotNode
+from denoc_ros.nodes.base.simulated_time import TimeSource
 from denoc_ros.nodes.sensor_outputs import InertialOutputs, SensorOutputs
-from denoc_ros.nodes.simulated_time import TimeSource
-from denoc_ros.runtime.clocks import Clock as RobotClock
-from denoc_ros.runtime.clocks import StampOf
-from denoc_ros.runtime.conversions import CommandReader
-from denoc_ros.runtime.input_monitor import InputError
-from denoc_ros.runtime.message_numbers import MessageFiller
-from denoc_ros.runtime.motion_bounds import motion_bounds
-from denoc_ros.runtime.parameters import Settings
-from denoc_ros.runtime.plant_parameters import TABLE
-from denoc_ros.runtime.reference import ReferenceFollower
-from denoc_ros.runtime.status import ERROR, WARN, Status
-from denoc_ros.runtime.trajectory_messages import has_many_points, read_trajectory
+from denoc_ros.runtime.inputs.conversions import CommandReader
+from denoc_ros.runtime.inputs.input_monitor import InputError
+from denoc_ros.runtime.inputs.message_numbers import MessageFiller
+from denoc_ros.runtime.inputs.trajectory_messages import has_many_points, read_trajectory
+from denoc_ros.runtime.loop.clocks import Clock as RobotClock
+from denoc_ros.runtime.loop.clocks import StampOf
+from denoc_ros.runtime.loop.status import ERROR, WARN, Status
+from denoc_ros.runtime.parameters.parameter_table import Settings
+from denoc_ros.runtime.parameters.plant_parameters import TABLE
+from denoc_ros.runtime.reference.reference import ReferenceFollower
+from denoc_ros.runtime.safety.motion_bounds import motion_bounds
 from denoc_ros.settings import Value
 from denoc_ros.simulation.simulated_robot import Drives, ModalRobot, SimulatedRobot
 from denoc_ros.types import Array
@@ -175,7 +175,7 @@ class PlantNode(RobotNode):
     def _in_mujoco(
         self, robot: Robot, settings: Settings, start: Array, drives: Drives
     ) -> SimulatedRobot:
-        from denoc_ros.simulation.mujoco_robot import MujocoRobot, MujocoSettings
+        from denoc_ros.export.mujoco_robot import MujocoRobot, MujocoSettings
 
         if not settings.flag('geometric_stiffness'):
             rule = "parameter 'geometric_stiffness' must be true where 'engine' is mujoco"

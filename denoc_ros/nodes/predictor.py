@@ -16,25 +16,26 @@ from trajectory_msgs.msg import JointTrajectory
 from visualization_msgs.msg import MarkerArray
 
 from denoc_ros.bags.joint_state import JointStateMessage
-from denoc_ros.dynamics.deflection import TipDeflections
+from denoc_ros.dynamics.elastic.deflection import TipDeflections
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import ConfigError, SolverError, StateError
-from denoc_ros.estimation.clock import StampClock
 from denoc_ros.estimation.observer import Observer
 from denoc_ros.estimation.observer_history import ObserverHistory
-from denoc_ros.estimation.parameter_tracker import ParameterTracker
-from denoc_ros.kernels.compiled import ready
-from denoc_ros.kernels.rotation import write_quaternion
-from denoc_ros.nodes.base import DenocNode
+from denoc_ros.estimation.stamp_clock import StampClock
+from denoc_ros.identification.tracking.parameter_tracker import ParameterTracker
+from denoc_ros.kernels.algebra.rotation import write_quaternion
+from denoc_ros.kernels.jit.compiled import ready
+from denoc_ros.nodes.base.denoc_node import DenocNode
+from denoc_ros.nodes.base.messages import STATE, PoseMessage, listeners, raw_publish
+from denoc_ros.nodes.base.process import leave, run
+from denoc_ros.nodes.base.robot_node import RobotNode
 from denoc_ros.nodes.markers import CentreLines, LineMarkers
-from denoc_ros.nodes.messages import STATE, PoseMessage, listeners, raw_publish
-from denoc_ros.nodes.process import leave, run
-from denoc_ros.nodes.robot_node import RobotNode
 from denoc_ros.nodes.sensor_inputs import SEARCH_PERIOD, BaseInput, SensorInputs
-from denoc_ros.runtime.clocks import StampOf
-from denoc_ros.runtime.conversions import JointStateReader
-from denoc_ros.runtime.effort_check import EffortGuard, effort_guard
-from denoc_ros.runtime.joint_input import JointInput
+from denoc_ros.runtime.inputs.conversions import JointStateReader
+from denoc_ros.runtime.inputs.effort_check import EffortGuard, effort_guard
+from denoc_ros.runtime.inputs.joint_input import JointInput
+from denoc_ros.runtime.inputs.message_numbers import MessageFiller, Numbers
+from denoc_ros.runtime.inputs.trajectory_messages import has_many_points, read_trajectory
 from denoc_ros.runtime.live_observer import (
     Adaptation,
     accepted_values,
@@ -42,14 +43,13 @@ from denoc_ros.runtime.live_observer import (
     fusion_status,
     is_observers,
 )
-from denoc_ros.runtime.message_numbers import MessageFiller, Numbers
-from denoc_ros.runtime.motion_bounds import limits_of, motion_bounds
-from denoc_ros.runtime.parameters import Settings
-from denoc_ros.runtime.predictor_parameters import TABLE
-from denoc_ros.runtime.reference import reference_follower
-from denoc_ros.runtime.restarts import Restarts
-from denoc_ros.runtime.status import WARN, Status
-from denoc_ros.runtime.trajectory_messages import has_many_points, read_trajectory
+from denoc_ros.runtime.loop.clocks import StampOf
+from denoc_ros.runtime.loop.status import WARN, Status
+from denoc_ros.runtime.parameters.parameter_table import Settings
+from denoc_ros.runtime.parameters.predictor_parameters import TABLE
+from denoc_ros.runtime.reference.reference import reference_follower
+from denoc_ros.runtime.safety.motion_bounds import limits_of, motion_bounds
+from denoc_ros.runtime.safety.restarts import Restarts
 from denoc_ros.types import Array
 
 MOTION = ('position', 'velocity')

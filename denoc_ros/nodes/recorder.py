@@ -20,16 +20,16 @@ from denoc_ros.bags.definitions import encode
 from denoc_ros.bags.metadata import Qos
 from denoc_ros.bags.writer import BagWriter
 from denoc_ros.errors import BagError
-from denoc_ros.model.source import complete_text
-from denoc_ros.nodes.base import DenocNode
-from denoc_ros.nodes.inputs import arrived, subscribe_aside
-from denoc_ros.nodes.messages import LATCHED, message_class
-from denoc_ros.nodes.process import leave, run
-from denoc_ros.nodes.simulated_time import CLOCK_TOPIC, ClockInput, TickProgress
-from denoc_ros.runtime.input_monitor import Gaps
-from denoc_ros.runtime.realtime import make_process_timely
-from denoc_ros.runtime.recorder_parameters import TABLE
-from denoc_ros.runtime.status import ERROR, OK, WARN, Status
+from denoc_ros.model.reading.source import complete_text
+from denoc_ros.nodes.base.denoc_node import DenocNode
+from denoc_ros.nodes.base.inputs import arrived, subscribe_aside
+from denoc_ros.nodes.base.messages import LATCHED, message_class
+from denoc_ros.nodes.base.process import leave, run
+from denoc_ros.nodes.base.simulated_time import CLOCK_TOPIC, ClockInput, TickProgress
+from denoc_ros.runtime.inputs.input_monitor import Gaps
+from denoc_ros.runtime.loop.realtime import make_process_timely
+from denoc_ros.runtime.loop.status import ERROR, OK, WARN, Status
+from denoc_ros.runtime.parameters.recorder_parameters import TABLE
 
 DESCRIPTION_ATTACHMENT = 'robot_description.urdf'
 MARK_TYPE = 'std_msgs/msg/String'

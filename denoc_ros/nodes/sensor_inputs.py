@@ -13,14 +13,14 @@ from nav_msgs.msg import Odometry
 from sensor_msgs.msg import Imu
 
 from denoc_ros.bags.sensor_messages import READERS
-from denoc_ros.dynamics.base_motion import BaseMotion
+from denoc_ros.dynamics.base.base_motion import BaseMotion
 from denoc_ros.estimation.base_track import BaseTrack
-from denoc_ros.estimation.clock import StampClock
+from denoc_ros.estimation.stamp_clock import StampClock
 from denoc_ros.model.sensors import message_place
 from denoc_ros.model.tree import InertialSensor, Sensor, Tree
-from denoc_ros.nodes.messages import message_class
-from denoc_ros.nodes.robot_node import RobotNode
-from denoc_ros.runtime.conversions import (
+from denoc_ros.nodes.base.messages import message_class
+from denoc_ros.nodes.base.robot_node import RobotNode
+from denoc_ros.runtime.inputs.conversions import (
     BaseLimits,
     MessageReader,
     imu_mounting,
@@ -28,8 +28,8 @@ from denoc_ros.runtime.conversions import (
     read_imu,
     read_odometry,
 )
-from denoc_ros.runtime.input_monitor import InputError, InputMonitor
-from denoc_ros.runtime.shared_parameters import BASE_LIMITS
+from denoc_ros.runtime.inputs.input_monitor import InputError, InputMonitor
+from denoc_ros.runtime.parameters.shared_parameters import BASE_LIMITS
 from denoc_ros.types import Array
 
 SEARCH_PERIOD = 0.5  # s between looks for topics that have appeared

@@ -9,8 +9,8 @@ from std_msgs.msg import Float64, Float64MultiArray
 from denoc_ros.bags.joint_state import JointStateMessage
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.model.tree import InertialSensor, Sensor
-from denoc_ros.nodes.base import DenocNode
-from denoc_ros.nodes.messages import (
+from denoc_ros.nodes.base.denoc_node import DenocNode
+from denoc_ros.nodes.base.messages import (
     STATE,
     CommandMessage,
     FloatMessage,

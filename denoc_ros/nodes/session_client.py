@@ -23,11 +23,17 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from denoc_ros.bags.reader import DESCRIPTION_TOPIC, SESSION_DESCRIPTION_TOPIC
 from denoc_ros.errors import DenocError
-from denoc_ros.nodes.guarded_node import WithoutEvents, leave_graph
-from denoc_ros.nodes.inputs import arrived
-from denoc_ros.nodes.messages import COMMAND, LATCHED, duration_message, exact_bytes, time_message
-from denoc_ros.nodes.simulated_time import time_ns
-from denoc_ros.runtime.status import ERROR, OK
+from denoc_ros.nodes.base.guarded_node import WithoutEvents, leave_graph
+from denoc_ros.nodes.base.inputs import arrived
+from denoc_ros.nodes.base.messages import (
+    COMMAND,
+    LATCHED,
+    duration_message,
+    exact_bytes,
+    time_message,
+)
+from denoc_ros.nodes.base.simulated_time import time_ns
+from denoc_ros.runtime.loop.status import ERROR, OK
 from denoc_ros.trajectories import Trajectory
 
 MARKS = QoSProfile(  # none of a session's is lost, however busy a recorder is

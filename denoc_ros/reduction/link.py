@@ -10,12 +10,12 @@ import numpy as np
 from scipy.linalg import lapack
 
 from denoc_ros.errors import ModelError
-from denoc_ros.model.link_file import LinkFrame, ReducedLink, StrainPoint, Surface
-from denoc_ros.model.suggest.materials import ASSUMED_DAMPING
+from denoc_ros.model.beams.link_file import LinkFrame, ReducedLink, StrainPoint, Surface
 from denoc_ros.reduction.body import FiniteElementBody, Patch
 from denoc_ros.reduction.craig_bampton import Craigs, LinkModes, Report, link_modes, reduce_body
 from denoc_ros.reduction.elements import Solid
 from denoc_ros.reduction.quadratic import Quadratic, foreshortening, modal_derivatives
+from denoc_ros.reduction.suggest.materials import ASSUMED_DAMPING
 from denoc_ros.types import Array
 
 GRAM_ROUNDING = 1e-14  # of a function's square: what the factor leaves out

@@ -12,7 +12,7 @@ from trimesh import Trimesh, triangles
 
 from denoc_ros.child_arrays import MEMORY_BYTES, arrays_of
 from denoc_ros.errors import ModelError
-from denoc_ros.model.mesh_files import MESH_READER, read_surface
+from denoc_ros.model.reading.mesh_files import MESH_READER, read_surface
 from denoc_ros.reduction import mesher
 from denoc_ros.reduction.body import Rows, within
 from denoc_ros.reduction.elements import Elasticity, Solid
@@ -60,7 +60,7 @@ def closed_surface(file: Path, pose: Array, scale: Array, close: bool) -> Closed
     Parameters
     ----------
     file : Path
-        One of `denoc_ros.model.mesh_files.SURFACE_FORMATS`.
+        One of `denoc_ros.model.reading.mesh_files.SURFACE_FORMATS`.
     pose : ndarray (4, 4)
         The mesh seen from the link frame [m].
     scale : ndarray (3,)

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from denoc_ros.dynamics.loop_response import LoopResponse, Swing
 from denoc_ros.reports.figures import Curve, Ink, Panel, line_figure
+from denoc_ros.reports.loop_response import LoopResponse, Swing
 from denoc_ros.reports.pages import (
     UNKNOWN,
     Card,

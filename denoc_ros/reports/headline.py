@@ -9,8 +9,8 @@ from denoc_ros.bags.run import UNFINISHED
 from denoc_ros.reports.loop_timing import LoopMeasure, NodeWarnings
 from denoc_ros.reports.measures import PhaseMeasures, deflection_error, peak, rms
 from denoc_ros.reports.pages import Card, Tone, Verdict, engineering
-from denoc_ros.reports.run_files import STEPPED
 from denoc_ros.reports.sections import Units, without_folders
+from denoc_ros.simulation.recorded.run_files import STEPPED
 from denoc_ros.units import deflection_unit
 
 WRONG = 20.0  # % of its peak from which on a predicted deflection is no good

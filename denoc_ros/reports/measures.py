@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 
 from denoc_ros.bags.run import Interval, RecordedTopics, point_columns, point_times
 from denoc_ros.bags.series import Series
-from denoc_ros.control.asked_motion import AskedMotion
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import SolverError
+from denoc_ros.planning.tip.asked_motion import AskedMotion
+from denoc_ros.simulation.recorded.run_snapshots import notable_deflections
 from denoc_ros.trajectories import SplineTrajectory
 from denoc_ros.types import Array
 from denoc_ros.units import deflection_unit
-from denoc_ros.viewer.recorded import notable_deflections
 
 ASKED_TOPICS = ('up/asked', 'shaper/input')  # what a shaped reference was shaped from
 ROUNDING = 1e-12  # rad

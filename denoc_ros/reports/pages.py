@@ -8,8 +8,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
-from denoc_ros.reports.text_table import aligned
 from denoc_ros.terminal_text import visible
+from denoc_ros.text_table import aligned
 from denoc_ros.units import NONE, PREFIXES, si_prefix
 
 if TYPE_CHECKING:
@@ -84,7 +84,7 @@ class ReportPage:
     verdict: Verdict  # what it comes down to
     cards: Sequence[Card]  # figures of merit
     sections: Sequence[PageSection | None]  # in reading order; None is left out
-    # what it was made from and with, as `denoc_ros.reports.provenance.provenance` says it
+    # what it was made from and with, as `denoc_ros.cli.provenance.provenance` says it
     provenance: Mapping[str, str] = field(default_factory=dict)
 
     def html(self) -> str:

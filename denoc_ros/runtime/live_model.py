@@ -9,8 +9,8 @@ from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import ConfigError, ModelError, StateError
 from denoc_ros.model.numbers import Values, numbers_of, other_names, plain_paths, values_of
 from denoc_ros.model.payloads import payloads_of
-from denoc_ros.model.source import is_text, parse_xml
-from denoc_ros.runtime.input_monitor import InputError
+from denoc_ros.model.reading.source import is_text, parse_xml
+from denoc_ros.runtime.inputs.input_monitor import InputError
 
 PAYLOAD = 'payload.'
 Given = TypeVar('Given')

@@ -10,12 +10,12 @@ from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import ConfigError
 from denoc_ros.estimation.fusion import StrainFusion
 from denoc_ros.estimation.observer import Observer
-from denoc_ros.estimation.parameter_tracker import NOTHING_HEARD, ParameterTracker
-from denoc_ros.estimation.tracked_model import BaseAt
-from denoc_ros.estimation.tracker_settings import tracked_paths
-from denoc_ros.runtime.parameters import Settings
-from denoc_ros.runtime.predictor_parameters import FUSION, OBSERVER, TRACKER
-from denoc_ros.runtime.status import WARN, Status
+from denoc_ros.identification.tracking.parameter_tracker import NOTHING_HEARD, ParameterTracker
+from denoc_ros.identification.tracking.tracked_model import BaseAt
+from denoc_ros.identification.tracking.tracker_settings import tracked_paths
+from denoc_ros.runtime.loop.status import WARN, Status
+from denoc_ros.runtime.parameters.parameter_table import Settings
+from denoc_ros.runtime.parameters.predictor_parameters import FUSION, OBSERVER, TRACKER
 from denoc_ros.types import Array
 
 LONGEST_LAG = 0.1  # s that sensors' values may come late

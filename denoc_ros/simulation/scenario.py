@@ -11,11 +11,11 @@ import numpy as np
 
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.errors import ConfigError
-from denoc_ros.model.mapping_reader import MappingReader, is_number
 from denoc_ros.model.plant_description import KEYS as PLANT_KEYS
 from denoc_ros.model.plant_description import PlantDescription, read_plant
-from denoc_ros.simulation.motion import Prescribed, Torque
-from denoc_ros.simulation.reference import Circle, follow, trajectory_from_config
+from denoc_ros.model.reading.mapping_reader import MappingReader, is_number
+from denoc_ros.simulation.equations_of_motion import Prescribed, Torque
+from denoc_ros.simulation.reference_motion import Circle, follow, trajectory_from_config
 from denoc_ros.simulation.simulate import METHODS, Run, simulate
 from denoc_ros.simulation.time_functions import (
     SHIFTS,

@@ -16,13 +16,18 @@ import numpy as np
 from scipy.integrate import BDF, DOP853, LSODA, RK45, Radau
 from tqdm import tqdm
 
-from denoc_ros.dynamics.base_motion import Base
+from denoc_ros.dynamics.base.base_motion import Base
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import SolverError, StateError
-from denoc_ros.kernels import runge_kutta as steps
-from denoc_ros.kernels.compiled import ready
-from denoc_ros.kernels.handle import GOOD
-from denoc_ros.simulation.motion import EquationsOfMotion, Prescribed, Torque, checked_vector
+from denoc_ros.kernels.dynamics import runge_kutta as steps
+from denoc_ros.kernels.jit.compiled import ready
+from denoc_ros.kernels.jit.handle import GOOD
+from denoc_ros.simulation.equations_of_motion import (
+    EquationsOfMotion,
+    Prescribed,
+    Torque,
+    checked_vector,
+)
 from denoc_ros.types import Array
 
 LONGEST_TURN = 1.0  # rad between two looks at a floating base's attitude

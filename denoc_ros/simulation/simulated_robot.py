@@ -7,10 +7,10 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from denoc_ros.dynamics.deflection import TipDeflections
-from denoc_ros.dynamics.reacting_base import ReactingBase
+from denoc_ros.dynamics.base.reacting_base import ReactingBase
+from denoc_ros.dynamics.elastic.deflection import TipDeflections
+from denoc_ros.dynamics.elastic.state_bounds import StateBounds
 from denoc_ros.dynamics.robot import Robot
-from denoc_ros.dynamics.state_bounds import StateBounds
 from denoc_ros.dynamics.stepper import Stepper, with_joint_feedback
 from denoc_ros.dynamics.structure import composed_sensors, sensor_rows
 from denoc_ros.types import Array, IntArray

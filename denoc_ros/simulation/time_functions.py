@@ -8,11 +8,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from denoc_ros.dynamics.base_motion import BaseMotion
-from denoc_ros.dynamics.reacting_base import ReactingBase
+from denoc_ros.dynamics.base.base_motion import BaseMotion
+from denoc_ros.dynamics.base.reacting_base import ReactingBase
 from denoc_ros.dynamics.robot import Robot
-from denoc_ros.model.poses import pose_of, rotation_rpy
-from denoc_ros.simulation.motion import Torque
+from denoc_ros.model.reading.poses import pose_of, rotation_rpy
+from denoc_ros.simulation.equations_of_motion import Torque
 from denoc_ros.trajectories import Trajectory
 from denoc_ros.types import Array
 

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from denoc_ros.cli.arguments import add_json, add_option
-from denoc_ros.cli.config import find_file
+from denoc_ros.cli.session.session_config import find_file
 from denoc_ros.dynamics.robot import load_robot
 from denoc_ros.errors import DenocError
 from denoc_ros.python_start import code_words

@@ -18,10 +18,10 @@ from pathlib import Path
 from typing import Any
 
 from denoc_ros.errors import ConfigError
-from denoc_ros.model.cross_sections import round_section
-from denoc_ros.model.findings import Findings, finite
-from denoc_ros.model.flexibility import MOST_MODES
-from denoc_ros.model.shapes import SHAPES
+from denoc_ros.model.beams.cross_sections import round_section
+from denoc_ros.model.beams.shapes import SHAPES
+from denoc_ros.model.reading.findings import Findings, finite
+from denoc_ros.model.reading.flexibility import MOST_MODES
 from denoc_ros.yaml_text import read_yaml_file
 
 SYSTEM_KEYS = frozenset(

@@ -13,17 +13,23 @@ import numpy as np
 from scipy.stats import binom
 
 from denoc_ros.cli.arguments import add_json, add_option
-from denoc_ros.cli.batch import FAILURE, WorkerConfig, add_worker_options, run_batch, worker_config
-from denoc_ros.cli.identify_options import Action
+from denoc_ros.cli.many_runs import (
+    FAILURE,
+    WorkerConfig,
+    add_worker_options,
+    run_batch,
+    worker_config,
+)
 from denoc_ros.cli.verb_result import VerbResult
 from denoc_ros.cli.verbs import DOUBTFUL
 from denoc_ros.errors import IdentificationError
-from denoc_ros.identification.damped import columns
-from denoc_ros.identification.fit import fit_modes
-from denoc_ros.identification.modes import Modes
-from denoc_ros.identification.records import Record
-from denoc_ros.identification.spectra import evolving_spectra
-from denoc_ros.reports.text_table import text_table
+from denoc_ros.identification.decay.damped import columns
+from denoc_ros.identification.decay.modes import Modes
+from denoc_ros.identification.decay.modes_fit import fit_modes
+from denoc_ros.identification.decay.records import Record
+from denoc_ros.identification.decay.spectra import evolving_spectra
+from denoc_ros.identification.verbs.identify_options import Action
+from denoc_ros.text_table import text_table
 from denoc_ros.types import Array
 
 

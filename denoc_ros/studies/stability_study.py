@@ -35,11 +35,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
-from denoc_ros.dynamics.base_motion import Base
+from denoc_ros.dynamics.base.base_motion import Base
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.validation import as_output
 from denoc_ros.errors import ConfigError, SolverError
-from denoc_ros.simulation.motion import EquationsOfMotion, Torque
+from denoc_ros.simulation.equations_of_motion import EquationsOfMotion, Torque
 from denoc_ros.simulation.scenario import Scenario
 from denoc_ros.simulation.simulate import integrate
 from denoc_ros.simulation.time_functions import TimeFunction

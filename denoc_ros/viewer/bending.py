@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from denoc_ros.dynamics.assembling import close_nearby, least_change
-from denoc_ros.dynamics.deflection import CentreLine
+from denoc_ros.dynamics.elastic.deflection import CentreLine
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.structure import whole_beam
 from denoc_ros.errors import StateError
-from denoc_ros.kernels.closing import OPEN
-from denoc_ros.model.segments import whole_beams
+from denoc_ros.kernels.constraints.closing import OPEN
+from denoc_ros.model.beams.segments import whole_beams
 from denoc_ros.model.tree import Body
 from denoc_ros.types import Array
 from denoc_ros.viewer.outline import STEEL, Colour, LinkSurface, joined_faces, outlines

@@ -15,9 +15,9 @@ from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import ConfigError, DenocError
 from denoc_ros.output_files import whole_file
 from denoc_ros.settings import declared_findings, documented, setting
+from denoc_ros.simulation.recorded.run_snapshots import RecordedRun
 from denoc_ros.types import Array
 from denoc_ros.viewer.picture import ComparisonPicture, Picture, stated, strip
-from denoc_ros.viewer.recorded import RecordedRun
 from denoc_ros.viewer.scene_setup import AUTO, VIEWS, SceneSetup
 
 Pixels = NDArray[np.uint8]

@@ -11,16 +11,20 @@ from typing import Any
 import numpy as np
 
 from denoc_ros.dynamics.equilibrium import Equilibrium
-from denoc_ros.dynamics.natural_modes import NaturalModes, independent_joints, mechanism_modes
+from denoc_ros.dynamics.linear.natural_modes import (
+    NaturalModes,
+    independent_joints,
+    mechanism_modes,
+)
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import DenocError
 from denoc_ros.model.arrays import is_flexible
-from denoc_ros.model.segments import whole_beams
+from denoc_ros.model.beams.segments import whole_beams
 from denoc_ros.model.tree import Joint, JointKind
+from denoc_ros.simulation.recorded.snapshot import Snapshot
 from denoc_ros.types import Array
 from denoc_ros.viewer.outline import reach
 from denoc_ros.viewer.page_text import PageText
-from denoc_ros.viewer.snapshot import Snapshot
 
 PERIOD = 1.0 / 30.0  # s between two pictures
 QUICKEST = 1.0  # Hz: faster modes are shown as slowly as this

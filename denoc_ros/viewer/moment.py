@@ -1,5 +1,5 @@
 """The name under which users' programs import a snapshot."""
 
-from denoc_ros.viewer.snapshot import Snapshot as Moment
+from denoc_ros.simulation.recorded.snapshot import Snapshot as Moment
 
 __all__ = ['Moment']

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import ModelError
 from denoc_ros.model.arrays import is_flexible
-from denoc_ros.model.mesh_files import mesh_file, named_surfaces
-from denoc_ros.model.source import TEXT_NAME, parse_xml
+from denoc_ros.model.reading.mesh_files import mesh_file, named_surfaces
+from denoc_ros.model.reading.source import TEXT_NAME, parse_xml
 from denoc_ros.types import Array
 
 Indices = NDArray[np.int64]

@@ -10,9 +10,9 @@ from denoc_ros.dynamics.reactions import Reactions, reactions
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import DenocError
 from denoc_ros.model.tree import JointKind
+from denoc_ros.simulation.recorded.snapshot import Snapshot
 from denoc_ros.types import Array
 from denoc_ros.viewer.outline import Colour, reach
-from denoc_ros.viewer.snapshot import Snapshot
 
 LONGEST = 0.22  # of the robot's reach: the arrow of the largest that was seen
 TORQUE: Colour = (22, 140, 90)

@@ -25,10 +25,10 @@ from viser import _messages
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.validation import as_states
 from denoc_ros.errors import ConfigError, DenocError, StateError
+from denoc_ros.simulation.recorded.snapshot import Snapshot
 from denoc_ros.viewer.charts import Charts
 from denoc_ros.viewer.folders import JointSliders, ModePlayer, Playback, start_configuration
 from denoc_ros.viewer.page_text import PageText
-from denoc_ros.viewer.snapshot import Snapshot
 from denoc_ros.viewer.view import Controls, View, ViewOptions
 
 MOST_PORT = 65535

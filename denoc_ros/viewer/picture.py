@@ -15,11 +15,11 @@ from matplotlib.text import Text
 from matplotlib.ticker import MaxNLocator, MultipleLocator
 from numpy.typing import NDArray
 
+from denoc_ros.simulation.recorded.run_snapshots import RecordedRun
 from denoc_ros.terminal_text import visible
 from denoc_ros.types import Array
 from denoc_ros.units import round_up, si_prefix
 from denoc_ros.viewer.bending import strain_colours
-from denoc_ros.viewer.recorded import RecordedRun
 from denoc_ros.viewer.scene_setup import SceneSetup
 
 Pixels = NDArray[np.uint8]

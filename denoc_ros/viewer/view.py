@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.rotations import quaternion
+from denoc_ros.simulation.recorded.snapshot import Snapshot
 from denoc_ros.types import Array
 from denoc_ros.units import round_up
 from denoc_ros.viewer.bending import (
@@ -27,7 +28,6 @@ from denoc_ros.viewer.bending import (
 from denoc_ros.viewer.outline import STEEL, Colour, LinkSurface, joined_faces, reach
 from denoc_ros.viewer.overlays import REACTION, REACTION_MOMENT, TORQUE, Overlays
 from denoc_ros.viewer.page_text import boxed
-from denoc_ros.viewer.snapshot import Snapshot
 
 BANDS = 15  # of colour; a mesh of the page has one colour
 BLOCK = 32  # triangles that a band grows by: its buffers seldom change their size

@@ -8,7 +8,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import denoc_ros as dn
-from denoc_ros.control.impulses import shaper
+from denoc_ros.planning.shapers.impulses import shaper
 
 frequencies = np.linspace(1.4, 2.6, 241)
 for method in ('zv', 'zvd', 'ei'):

@@ -29,7 +29,7 @@ from sphinx.ext.autodoc.mock import ismock, mock
 from sphinx.pycode import ModuleAnalyzer
 
 import denoc_ros
-from denoc_ros.cli.main import VERBS, build_parser
+from denoc_ros.cli.main import build_parser, verbs
 
 if TYPE_CHECKING:
     from notebook_runs import Ran
@@ -197,7 +197,7 @@ def uncompile() -> None:
 
     From here on no kernel runs in this process.
     """
-    from denoc_ros.kernels.compiled import APART
+    from denoc_ros.kernels.jit.compiled import APART
 
     for name in room_modules('kernels'):
         module = import_module(name)
@@ -250,7 +250,7 @@ def write_reference(folder: Path, rooms: Mapping[str, str]) -> None:
 def commands() -> list[str]:
     """Return the reference of the command line, from its parsers."""
     lines = titled('Commands')
-    for verb in VERBS:
+    for verb in verbs():
         (action,) = sub_parsers(build_parser([verb]))
         lines += titled(f'denoc {verb}', '-') + usage(action.choices[verb])
     return lines

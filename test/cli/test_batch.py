@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from denoc_ros.cli.batch import FAILURE, KEY, RowStore, WorkerConfig, run_batch
+from denoc_ros.cli.many_runs import FAILURE, KEY, RowStore, WorkerConfig, run_batch
 from denoc_ros.errors import ConfigError
-from denoc_ros.reports.text_table import Row
+from denoc_ros.text_table import Row
 
 COLUMNS = {'x': float, 'name': str, 'several': list}
 ITEMS: dict[str, object] = {

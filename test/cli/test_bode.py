@@ -13,8 +13,8 @@ from beam_robots import beam_robot
 from page_look import require_one_look
 
 from denoc_ros.cli.main import main
-from denoc_ros.dynamics.loop_response import loop_response
 from denoc_ros.dynamics.robot import load_robot
+from denoc_ros.reports.loop_response import loop_response
 
 BEAM = HubBeam(ei=120.0, density=1.5, length=1.6, tip_mass=0.8, hub=0.35)
 ROBOT = 'config/robots/canadarm_gauges.urdf'

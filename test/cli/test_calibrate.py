@@ -12,7 +12,7 @@ from node_robots import two_links
 
 from denoc_ros.bags.writer import BagWriter
 from denoc_ros.cli.main import main
-from denoc_ros.model.urdf import load_tree
+from denoc_ros.model.reading.urdf import load_tree
 
 GAIN, OFFSET = 3.0e-6, -2.0e-5
 LEVELS = [0.0, 1e-3, 2e-3, 1e-3, 0.0]

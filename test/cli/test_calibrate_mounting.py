@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from denoc_ros.bags.writer import BagWriter
 from denoc_ros.cli.main import main
-from denoc_ros.dynamics.measured_side import measured_equilibrium
+from denoc_ros.dynamics.driven.measured_side import measured_equilibrium
 from denoc_ros.dynamics.robot import load_robot
 
 GRAVITY = (0.0, -9.81, 0.0)

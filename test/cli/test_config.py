@@ -9,13 +9,13 @@ from pathlib import Path
 
 import pytest
 
-from denoc_ros.cli.config import KEYS, NODES, flatten, load_config
-from denoc_ros.cli.node_parameters import (
+from denoc_ros.cli.session.node_parameters import (
     changed_parameters,
     check_parameters,
     node_parameters,
     session_plant,
 )
+from denoc_ros.cli.session.session_config import KEYS, NODES, flatten, load_config
 from denoc_ros.errors import ConfigError
 from denoc_ros.model.plant_description import PlantDescription
 
@@ -149,8 +149,8 @@ def test_every_key_is_explained_in_the_demo_s_configuration() -> None:
 def test_a_configuration_is_checked_without_ros() -> None:
     """Tables of the nodes' parameters and validation need no middleware."""
     script = (
-        'import sys; from denoc_ros.cli.config import NODES, load_config; '
-        'from denoc_ros.cli.node_parameters import check_parameters; '
+        'import sys; from denoc_ros.cli.session.session_config import NODES, load_config; '
+        'from denoc_ros.cli.session.node_parameters import check_parameters; '
         'check_parameters(load_config("canadarm.yaml"), list(NODES)); '
         'ros = {"rclpy", "rcl_interfaces", "sensor_msgs", "denoc_ros.nodes"} & set(sys.modules); '
         'assert not ros, ros'

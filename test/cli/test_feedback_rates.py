@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 from data_files import CLAMPED_FREE_CANADARM
 
-from denoc_ros.cli.config import load_config
-from denoc_ros.cli.session_time import feedback_refusal
+from denoc_ros.cli.session.session_config import load_config
+from denoc_ros.cli.session.session_time import feedback_refusal
 from denoc_ros.dynamics.robot import load_robot
 
 SESSION = """

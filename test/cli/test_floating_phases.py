@@ -11,11 +11,11 @@ import pytest
 import denoc_ros as dn
 from denoc_ros.bags.run import read_run
 from denoc_ros.bags.writer import BagWriter
-from denoc_ros.cli.config import load_config
-from denoc_ros.cli.shaped_phases import plans_of
-from denoc_ros.control.plan_simulation import planned
+from denoc_ros.cli.session.session_config import load_config
+from denoc_ros.planning.plan_simulation import planned
+from denoc_ros.planning.shaped_phases import plans_of
 from denoc_ros.reports.measures import measure, summarize
-from denoc_ros.simulation.reference import trajectory_from_config
+from denoc_ros.simulation.reference_motion import trajectory_from_config
 
 ROOT = Path(__file__).resolve().parents[2]
 START_NS = 1_700_000_000_000_000_000

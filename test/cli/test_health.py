@@ -6,8 +6,8 @@ from collections.abc import Callable, Mapping
 
 import pytest
 
-from denoc_ros.cli import processes as module
-from denoc_ros.cli.processes import (
+from denoc_ros.cli.session import processes as module
+from denoc_ros.cli.session.processes import (
     BEHIND,
     HUNG,
     LONGEST_SILENCE,

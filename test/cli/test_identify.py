@@ -18,14 +18,14 @@ import yaml
 from data_files import SERVO_SWING
 from page_look import require_one_look
 
-from denoc_ros.cli.identify_options import SHARED, action_of
 from denoc_ros.cli.main import main
-from denoc_ros.cli.verbs import ACTIONS, ActionRow
-from denoc_ros.identification.channel import Channel, read_record
-from denoc_ros.identification.records import Record
-from denoc_ros.identification.result import source_of
+from denoc_ros.identification.decay.channel import Channel, read_record
+from denoc_ros.identification.decay.records import Record
+from denoc_ros.identification.identification_result import source_of
+from denoc_ros.identification.pages.identify_result import interval_text
+from denoc_ros.identification.verbs.actions import ACTIONS, ActionRow
+from denoc_ros.identification.verbs.identify_options import SHARED, action_of
 from denoc_ros.output_files import Document
-from denoc_ros.reports.identify_result import interval_text
 from denoc_ros.settings import positive
 from denoc_ros.studies.selftest import Defects, Truth, synthetic_decay
 

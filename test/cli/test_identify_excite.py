@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from page_look import require_one_look
 
-from denoc_ros.cli.config import read_yaml
 from denoc_ros.cli.main import main
-from denoc_ros.cli.motion_file import read_motion
+from denoc_ros.cli.session.session_config import read_yaml
 from denoc_ros.cli.verbs import INTERRUPTED
 from denoc_ros.identification.model.excitation import SearchClock
-from denoc_ros.simulation.reference import trajectory_from_config
+from denoc_ros.simulation.motion_file import read_motion
+from denoc_ros.simulation.reference_motion import trajectory_from_config
 
 ROBOT = Path(__file__).resolve().parents[2] / 'config' / 'robots' / 'one_flexible_link.urdf'
 WORDS = ['identify', 'excite', str(ROBOT), '--free', 'beam.*.ei', '--gravity', '0', '-9.81', '0']

@@ -19,9 +19,9 @@ import pytest
 from identification_runs import recorded, sweeping
 
 import denoc_ros as dn
-from denoc_ros.cli.batch import FAILURE, RowStore
-from denoc_ros.cli.identify_model import model_options, model_rows
 from denoc_ros.cli.main import build_parser, main
+from denoc_ros.cli.many_runs import FAILURE, RowStore
+from denoc_ros.identification.verbs.identify_model import model_options, model_rows
 
 ROBOT = Path(__file__).resolve().parents[2] / 'config' / 'robots' / 'rigid_pendulum.urdf'
 DAMPING = [0.02, 0.03, 0.04, 0.05, 0.06, 0.07]

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from denoc_ros.cli.identify_rows import recordings
 from denoc_ros.cli.main import main
 from denoc_ros.errors import BagError
+from denoc_ros.identification.verbs.identify_rows import recordings
 from denoc_ros.studies.selftest import Defects, Truth, synthetic_decay
 
 ZETAS = (0.01, 0.02)

@@ -12,7 +12,7 @@ from page_look import require_one_look
 
 from denoc_ros.bags.writer import BagWriter
 from denoc_ros.cli.main import main
-from denoc_ros.control.servo import joint_servo
+from denoc_ros.planning.shapers.joint_servo import joint_servo
 from denoc_ros.types import Array
 
 STEP = 0.004

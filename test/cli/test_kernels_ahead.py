@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 import denoc_ros
-from denoc_ros.cli import warmup
+from denoc_ros.cli import warmup_verb as warmup
 from denoc_ros.errors import DenocError
 
 COUNTED = 'denoc_ros.studies.benchmarks.operations'  # wraps kernels in classes that count

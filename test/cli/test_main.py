@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from denoc_ros.cli import main as frame
-from denoc_ros.cli.verbs import VERBS
+from denoc_ros.cli.verbs import verbs
 from denoc_ros.errors import ConfigError, StateError
 
 
@@ -53,7 +53,7 @@ def test_errors_become_a_message_and_a_status(
     status: int,
     message: str,
 ) -> None:
-    monkeypatch.setitem(sys.modules, 'denoc_ros.cli.check', fake_verb(raising(error)))
+    monkeypatch.setitem(sys.modules, 'denoc_ros.cli.check_verb', fake_verb(raising(error)))
     assert frame.main(['check']) == status
     assert capsys.readouterr().err == message
 
@@ -95,7 +95,7 @@ def test_an_interrupt_that_an_import_swallows_ends_the_command(tmp_path: Path) -
 
 
 def test_status_of_a_verb_is_the_exit_status(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, 'denoc_ros.cli.check', fake_verb(lambda _args: 2))
+    monkeypatch.setitem(sys.modules, 'denoc_ros.cli.check_verb', fake_verb(lambda _args: 2))
     assert frame.main(['check']) == 2
 
 
@@ -108,7 +108,7 @@ def test_bad_usage_is_bad_input(capsys: pytest.CaptureFixture[str]) -> None:
 def test_help_lists_every_verb(capsys: pytest.CaptureFixture[str]) -> None:
     assert frame.main(['--help']) == 0
     text = capsys.readouterr().out
-    assert all(f'\n    {verb}' in text for verb in VERBS)
+    assert all(f'\n    {verb}' in text for verb in verbs())
 
 
 def test_help_imports_nothing_heavy() -> None:

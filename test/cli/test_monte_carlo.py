@@ -10,7 +10,7 @@ import pyarrow.parquet as parquet
 import pytest
 
 from denoc_ros.cli.main import main
-from denoc_ros.cli.simulate import draw
+from denoc_ros.cli.simulate_verb import draw
 
 RANGES = {'beam.link_1.y.ei': (300.0, 400.0), 'joint.joint_1.damping': (0.0, 1.0)}
 SETTINGS = [f'--vary={path}={low}:{high}' for path, (low, high) in RANGES.items()]

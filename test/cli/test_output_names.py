@@ -9,9 +9,9 @@ import pytest
 
 from denoc_ros.cli.arguments import unused
 from denoc_ros.cli.main import main
-from denoc_ros.cli.replay import _default_output
-from denoc_ros.cli.report import default_output
-from denoc_ros.reports.run_files import recording_name
+from denoc_ros.cli.replay_verb import _default_output
+from denoc_ros.reports.report_verb import default_output
+from denoc_ros.simulation.recorded.run_files import recording_name
 
 
 def test_recordings_with_dots_in_their_names_have_names_of_their_own() -> None:

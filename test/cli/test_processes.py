@@ -14,8 +14,8 @@ import pytest
 from child_processes import child
 from ros_domains import claimed_domain
 
-from denoc_ros.cli import processes as module
-from denoc_ros.cli.processes import ProcessError, Processes, free_domain
+from denoc_ros.cli.session import processes as module
+from denoc_ros.cli.session.processes import ProcessError, Processes, free_domain
 
 PATIENCE = 60.0  # s for what takes a second on a machine that does nothing else
 STUBBORN = (
@@ -105,7 +105,7 @@ def test_children_end_when_their_parent_is_killed(tmp_path: Path) -> None:
     sleeper = "import time; print('up', flush=True); time.sleep(300)"
     code = (
         'import sys, time; from pathlib import Path; '
-        'from denoc_ros.cli.processes import Processes; '
+        'from denoc_ros.cli.session.processes import Processes; '
         f'p = Processes(Path(sys.argv[1]), {{}}); p.start("a", ["-c", {sleeper!r}]); '
         'print(p._running["a"].pid, flush=True); time.sleep(300)'
     )

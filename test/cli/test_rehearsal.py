@@ -6,7 +6,7 @@ import dataclasses
 
 import pytest
 
-from denoc_ros.cli.session_time import Rehearsal, choose
+from denoc_ros.cli.session.session_time import Rehearsal, choose
 
 QUIET = Rehearsal(
     rates={'plant': 1000.0, 'feedforward': 1000.0, 'predictor': 1000.0},

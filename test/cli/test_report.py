@@ -15,7 +15,7 @@ from denoc_ros.bags.writer import BagWriter
 from denoc_ros.cli.main import main
 from denoc_ros.reports.figures import scale_of, thin
 from denoc_ros.reports.pages import engineering
-from denoc_ros.reports.run import report
+from denoc_ros.reports.run_page import report
 
 # what test/cli/conftest.py puts in, as rms of a sine
 TRACKING = {'rigid': 0.02, 'flexible': 0.001}

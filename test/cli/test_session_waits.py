@@ -8,16 +8,16 @@ from typing import TYPE_CHECKING, Any, cast
 
 import pytest
 
-from denoc_ros.cli import session as sessions
-from denoc_ros.cli import session_time
-from denoc_ros.cli.config import load_config
-from denoc_ros.cli.processes import ProcessError, Processes
 from denoc_ros.cli.progress import Progress
-from denoc_ros.cli.session import Session, Task
-from denoc_ros.cli.session_file import SessionFile
+from denoc_ros.cli.session import session as sessions
+from denoc_ros.cli.session import session_time
+from denoc_ros.cli.session.processes import ProcessError, Processes
+from denoc_ros.cli.session.session import Session, Task
+from denoc_ros.cli.session.session_config import load_config
+from denoc_ros.cli.session.session_file import SessionFile
 from denoc_ros.errors import DenocError
-from denoc_ros.reports.run_files import read_session
-from denoc_ros.simulation.reference import trajectory_from_config
+from denoc_ros.simulation.recorded.run_files import read_session
+from denoc_ros.simulation.reference_motion import trajectory_from_config
 
 if TYPE_CHECKING:
     from denoc_ros.nodes.session_client import SessionClient

@@ -11,7 +11,7 @@ import pytest
 import yaml
 
 from denoc_ros.cli.main import main
-from denoc_ros.reports import shape as shape_comparison
+from denoc_ros.planning import shape_page as shape_comparison
 
 FLOATING = 'config/robots/canadarm_10t.urdf'
 FIXED = 'config/robots/canadarm.urdf'

@@ -6,12 +6,12 @@ from pathlib import Path
 
 import pytest
 
-from denoc_ros.cli.config import load_config
-from denoc_ros.cli.node_parameters import check_parameters
-from denoc_ros.cli.session import session_nodes
+from denoc_ros.cli.session.node_parameters import check_parameters
+from denoc_ros.cli.session.session import session_nodes
+from denoc_ros.cli.session.session_config import load_config
 from denoc_ros.dynamics.robot import load_robot
 from denoc_ros.reports.measures import SETTLED
-from denoc_ros.simulation.reference import trajectory_from_config
+from denoc_ros.simulation.reference_motion import trajectory_from_config
 
 CONFIG = Path(__file__).resolve().parents[2] / 'config'
 SESSIONS = (

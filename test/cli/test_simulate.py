@@ -40,7 +40,7 @@ SCENARIOS = {
 
 
 def test_every_shipped_scenario_fits_its_robots(repository: Path) -> None:
-    from denoc_ros.cli.simulate import load
+    from denoc_ros.cli.simulate_verb import load
 
     config = repository / 'config'
     assert {path.stem for path in (config / 'scenarios').glob('*.yaml')} == set(SCENARIOS)

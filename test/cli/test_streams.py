@@ -153,7 +153,7 @@ def test_ctrl_c_with_workers_leaves_no_process_and_no_traceback(
 def test_an_error_without_words_and_one_with_too_many_are_told(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
-    import denoc_ros.cli.check as verb
+    import denoc_ros.cli.check_verb as verb
     from denoc_ros.errors import BagError
 
     for text, said in (

@@ -9,7 +9,7 @@ import pytest
 from suggested_robots import EI, tube_arm
 
 from denoc_ros.cli.main import build_parser, main
-from denoc_ros.model.suggest.materials import MATERIALS
+from denoc_ros.reduction.suggest.materials import MATERIALS
 
 
 @pytest.fixture

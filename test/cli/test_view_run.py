@@ -15,9 +15,9 @@ from PIL import Image
 from simulated_bags import SimulatedBag
 
 from denoc_ros.bags.writer import BagWriter
-from denoc_ros.cli import view
 from denoc_ros.cli.main import build_parser, main
-from denoc_ros.cli.view import open_run
+from denoc_ros.viewer import view_verb as view
+from denoc_ros.viewer.view_verb import open_run
 
 GRAVITY = ['--gravity', '0', '-9.81', '0']
 

@@ -13,8 +13,8 @@ import pytest
 from denoc_ros.bags.writer import BagWriter
 from denoc_ros.cli.main import main
 from denoc_ros.cli.progress import Progress
-from denoc_ros.reports.text_table import aligned
 from denoc_ros.terminal_text import say, visible, visible_cell, visible_record
+from denoc_ros.text_table import aligned
 
 JOINT_STATE = 'sensor_msgs/msg/JointState'
 # Sets the title of the window, colours, in seven and eight bits, deletes, and turns the direction.

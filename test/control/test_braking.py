@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from denoc_ros.control.braking import brake, slowed
+from denoc_ros.runtime.reference.braking import brake, slowed
 from denoc_ros.trajectories import CycloidalTrajectory, SplineTrajectory
 
 RNG = np.random.default_rng(7)

@@ -8,9 +8,13 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicHermiteSpline
 
-from denoc_ros.control.feedback_design import terms
-from denoc_ros.kernels.compiled import entry
-from denoc_ros.kernels.deviation_filter import estimates_ahead, learn_errors, plan_changes
+from denoc_ros.feedback.feedback_design import terms
+from denoc_ros.feedback.kernels.deviation_kernels import (
+    estimates_ahead,
+    learn_errors,
+    plan_changes,
+)
+from denoc_ros.kernels.jit.compiled import entry
 from denoc_ros.types import Array
 
 S, P, K, E, C, SENSORS, MEASURED = 6, 4, 2, 9, 3, 2, 6  # K joints, of P torques on their way

@@ -10,12 +10,12 @@ from feedback_runs import PERIOD, Loop, Planned, closed, planned_along
 from geared_arm import arm_text
 
 import denoc_ros as dn
-from denoc_ros.control.feedback_settings import FeedbackSettings
-from denoc_ros.control.gain_schedule import design
-from denoc_ros.control.planned_states import state_at
-from denoc_ros.dynamics.measured_side import measured_robot, whole_robot
+from denoc_ros.dynamics.driven.measured_side import measured_robot, whole_robot
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import StateError
+from denoc_ros.feedback.feedback_settings import FeedbackSettings
+from denoc_ros.feedback.gain_schedule import design
+from denoc_ros.feedback.planned_states import state_at
 from denoc_ros.trajectories import CycloidalTrajectory, SplineTrajectory
 
 DURATION = 1.5  # s

@@ -9,12 +9,12 @@ import pytest
 from feedback_runs import PERIOD, START, Loop, canadarm, closed, tip_exact
 from imu_arms import FILE, GYRO, imu_text
 
-from denoc_ros.control.feedback_settings import FeedbackSettings
-from denoc_ros.control.gain_schedule import GainSchedule, design
-from denoc_ros.control.planned_states import state_at
-from denoc_ros.control.read_values import chosen_values, read_sensors
-from denoc_ros.control.state_feedback import FADE
 from denoc_ros.errors import StateError
+from denoc_ros.feedback.feedback_settings import FeedbackSettings
+from denoc_ros.feedback.gain_schedule import GainSchedule, design
+from denoc_ros.feedback.planned_states import state_at
+from denoc_ros.feedback.read_values import chosen_values, read_sensors
+from denoc_ros.feedback.state_feedback import FADE
 
 LIMITS = np.full(3, 5000.0)
 # angular rates show a deflection by what it was before: a slower loop, a model that counts more

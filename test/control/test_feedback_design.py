@@ -10,21 +10,21 @@ import scipy.linalg
 from feedback_runs import CANADARM, DELAY, PERIOD, START, canadarm
 from imu_arms import imu_text
 
-from denoc_ros.control.closed_loop import closed_loop
-from denoc_ros.control.deviation_model import DeviationModel, deviation_model
-from denoc_ros.control.feedback_design import (
+from denoc_ros.dynamics.robot import Robot
+from denoc_ros.errors import StateError
+from denoc_ros.feedback.closed_loop import closed_loop
+from denoc_ros.feedback.deviation_model import DeviationModel, deviation_model
+from denoc_ros.feedback.feedback_design import (
     earlier_cost,
     gain_of,
     regulator,
     settled_cost,
 )
-from denoc_ros.control.feedback_settings import FeedbackSettings
-from denoc_ros.control.gain_schedule import GainSchedule, design
-from denoc_ros.control.planned_states import spacing, state_at
-from denoc_ros.control.read_values import chosen_values, read_sensors
-from denoc_ros.control.state_feedback import RAMP, StateFeedback
-from denoc_ros.dynamics.robot import Robot
-from denoc_ros.errors import StateError
+from denoc_ros.feedback.feedback_settings import FeedbackSettings
+from denoc_ros.feedback.gain_schedule import GainSchedule, design
+from denoc_ros.feedback.planned_states import spacing, state_at
+from denoc_ros.feedback.read_values import chosen_values, read_sensors
+from denoc_ros.feedback.state_feedback import RAMP, StateFeedback
 
 LIMITS = np.full(3, 5000.0)
 NO_JOINTS = np.zeros((3, 6))  # no feedback of the joints beside

@@ -12,23 +12,23 @@ from feedback_runs import PERIOD, START, Loop, Planned, canadarm, described, tip
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from denoc_ros.control.closed_loop import closed_loop, joint_loop, slow_modes, slowest_mode
-from denoc_ros.control.deviation_model import DeviationModel, deviation_model
-from denoc_ros.control.feedback_design import joint_gains, joint_inertia
-from denoc_ros.control.feedback_settings import FeedbackSettings
-from denoc_ros.control.gain_schedule import LEFT_ALONE, MORE_DAMPED, GainSchedule, design
-from denoc_ros.control.model_errors import (
+from denoc_ros.dynamics.robot import Robot
+from denoc_ros.feedback.closed_loop import closed_loop, joint_loop, slow_modes, slowest_mode
+from denoc_ros.feedback.deviation_model import DeviationModel, deviation_model
+from denoc_ros.feedback.feedback_design import joint_gains, joint_inertia
+from denoc_ros.feedback.feedback_settings import FeedbackSettings
+from denoc_ros.feedback.gain_schedule import LEFT_ALONE, MORE_DAMPED, GainSchedule, design
+from denoc_ros.feedback.model_errors import (
     LAST_MOVING,
     extreme_errors,
     state_with_errors,
     tried_errors,
     with_errors,
 )
-from denoc_ros.control.planned_states import state_at
-from denoc_ros.control.read_values import chosen_values, read_sensors
-from denoc_ros.control.residual_modes import with_residual_modes, without_armature
-from denoc_ros.control.state_feedback import FADE, RAMP, HandOver, StateFeedback
-from denoc_ros.dynamics.robot import Robot
+from denoc_ros.feedback.planned_states import state_at
+from denoc_ros.feedback.read_values import chosen_values, read_sensors
+from denoc_ros.feedback.residual_modes import with_residual_modes, without_armature
+from denoc_ros.feedback.state_feedback import FADE, RAMP, HandOver, StateFeedback
 from denoc_ros.types import Array
 
 LIMITS = np.full(3, 5000.0)

@@ -8,13 +8,13 @@ from base_robots import description
 from control_runs import cycloid
 
 import denoc_ros as dn
-from denoc_ros.control.plan import Plan
-from denoc_ros.control.plan_simulation import carry_out, planned
-from denoc_ros.control.reaction import continuous, in_free_fall, reaction
-from denoc_ros.control.ringing import ringing_modes, ringing_robot
-from denoc_ros.control.shaped_samples import rest_spline
-from denoc_ros.dynamics.feedforward import TorqueFeedforward
-from denoc_ros.dynamics.reacting_base import held_robot
+from denoc_ros.dynamics.base.reacting_base import held_robot
+from denoc_ros.dynamics.driven.motion_plan import Plan
+from denoc_ros.dynamics.driven.torque_feedforward import TorqueFeedforward
+from denoc_ros.planning.plan_simulation import carry_out, planned
+from denoc_ros.planning.shapers.ringing import ringing_modes, ringing_robot
+from denoc_ros.planning.shapers.shaped_samples import rest_spline
+from denoc_ros.planning.tip.reaction import continuous, in_free_fall, reaction
 
 EARTH = np.array([0.0, 0.0, -9.81])  # it must not matter: the spacecraft falls freely
 DURATION = 6.0

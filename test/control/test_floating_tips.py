@@ -11,7 +11,7 @@ from base_robots import description, floating, spacecraft
 from control_runs import ROBOTS, Reference, carried_out, cycloid
 
 import denoc_ros as dn
-from denoc_ros.control.plan import Plan
+from denoc_ros.dynamics.driven.motion_plan import Plan
 from denoc_ros.types import Array
 
 TIMES = np.linspace(0.0, 10.0, 301)

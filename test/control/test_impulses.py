@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from denoc_ros.control.impulses import (
+from denoc_ros.errors import StateError
+from denoc_ros.planning.shapers.impulses import (
     METHODS,
     TOLERATED_SWING,
     Impulses,
@@ -15,7 +16,6 @@ from denoc_ros.control.impulses import (
     modes_shaper,
     shaper,
 )
-from denoc_ros.errors import StateError
 
 RATIOS = st.floats(0.0, 0.4)
 FREQUENCIES = st.floats(0.1, 100.0)

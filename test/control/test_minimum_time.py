@@ -11,15 +11,15 @@ from scipy.interpolate import make_interp_spline
 from timed_paths import rigid_arm
 
 import denoc_ros as dn
-from denoc_ros.cli.shaped_phases import motion_of
-from denoc_ros.control.asked_motion import AskedMotion
-from denoc_ros.control.limit_rows import LimitRows, Moments, motion_limits
-from denoc_ros.control.targets import Target
-from denoc_ros.control.timing import Timing, TimingBasis
-from denoc_ros.control.tip_grid import TipGrids
-from denoc_ros.control.tip_minimum_time import TipMinimumTime
-from denoc_ros.control.tip_options import TipOptions
-from denoc_ros.dynamics.feedforward import TorqueFeedforward
+from denoc_ros.dynamics.driven.torque_feedforward import TorqueFeedforward
+from denoc_ros.planning.shaped_phases import motion_of
+from denoc_ros.planning.timing.limit_rows import LimitRows, Moments, motion_limits
+from denoc_ros.planning.timing.path_timing import Timing, TimingBasis
+from denoc_ros.planning.tip.asked_motion import AskedMotion
+from denoc_ros.planning.tip.targets import Target
+from denoc_ros.planning.tip.tip_grid import TipGrids
+from denoc_ros.planning.tip.tip_minimum_time import TipMinimumTime
+from denoc_ros.planning.tip.tip_options import TipOptions
 from denoc_ros.types import Array
 
 TIMES = np.linspace(0.0, 10.0, 201)

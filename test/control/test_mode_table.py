@@ -13,8 +13,8 @@ from shaped_runs import cycloid, held_spline, swing_after
 
 import denoc_ros as dn
 from denoc_ros.cli.main import main
-from denoc_ros.control.mode_table import ModeTable, read_mode_table
 from denoc_ros.errors import ConfigError, StateError
+from denoc_ros.model.mode_table import ModeTable, read_mode_table
 from denoc_ros.types import Array
 
 GANTRY = """<robot name="gantry">

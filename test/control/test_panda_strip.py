@@ -7,12 +7,12 @@ import pytest
 from panda_strip import ACCELERATION, DURATION, JERK, panda_strip, plain_motion
 from shaped_runs import swing_after
 
-from denoc_ros.control.joint_limits import JointLimits, joint_limits
-from denoc_ros.control.rest_problem import RestMotion
-from denoc_ros.control.rest_to_rest import rest_to_rest
-from denoc_ros.control.servo import joint_servo
+from denoc_ros.dynamics.driven.joint_limits import JointLimits, joint_limits
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import StateError
+from denoc_ros.planning.rest.rest_problem import RestMotion
+from denoc_ros.planning.rest.rest_to_rest import rest_to_rest
+from denoc_ros.planning.shapers.joint_servo import joint_servo
 from denoc_ros.types import Array
 
 TIP = 'strip_tip'

@@ -14,9 +14,9 @@ from scipy.optimize import brentq
 from shaped_runs import cycloid, swing_after
 
 import denoc_ros as dn
-from denoc_ros.control.rest_to_rest import rest_to_rest
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import SolverError, StateError
+from denoc_ros.planning.rest.rest_to_rest import rest_to_rest
 
 HUB = 0.1  # kg m^2
 EFFORT = 4.0  # N m
@@ -110,8 +110,8 @@ def test_light_joints_of_a_long_arm_keep_a_limit_at_its_bound(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """A torque that is off by 1 % takes its wrist by radians: no search got anywhere there."""
-    monkeypatch.setattr('denoc_ros.control.rest_to_rest.UNKNOWNS', 120)
-    monkeypatch.setattr('denoc_ros.control.rest_to_rest.LEAST_FINE', 20)
+    monkeypatch.setattr('denoc_ros.planning.rest.rest_to_rest.UNKNOWNS', 120)
+    monkeypatch.setattr('denoc_ros.planning.rest.rest_to_rest.LEAST_FINE', 20)
     text = (ROBOTS / 'ssrms.urdf').read_text().replace('craig-bampton', 'clamped-free')
     text = re.sub(r'<bending direction="y"[^>]*/>', '', text.replace('modes="2"', 'modes="1"'))
     robot = dn.load_robot(text, gravity=(0, 0, 0))

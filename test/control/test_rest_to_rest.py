@@ -9,11 +9,11 @@ from planar_chains import FLEXIBLE, planar_chain
 from shaped_runs import cycloid, simulated_swing, swing_after
 
 import denoc_ros as dn
-from denoc_ros.control.joint_limits import joint_limits
-from denoc_ros.control.rest_problem import RestMotion
-from denoc_ros.control.rest_to_rest import rest_to_rest
+from denoc_ros.dynamics.driven.joint_limits import joint_limits
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import SolverError, StateError
+from denoc_ros.planning.rest.rest_problem import RestMotion
+from denoc_ros.planning.rest.rest_to_rest import rest_to_rest
 from denoc_ros.types import Array
 
 ROBUST = 0.1

@@ -8,11 +8,11 @@ from scipy.interpolate import make_interp_spline
 from shaped_runs import cycloid, simulated_swing, swing_after
 
 import denoc_ros as dn
-from denoc_ros.control.ringing import ringing_modes
-from denoc_ros.control.shaped_samples import shape_samples
-from denoc_ros.control.stream_shaper import StreamShaper
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import SolverError, StateError
+from denoc_ros.planning.shapers.ringing import ringing_modes
+from denoc_ros.planning.shapers.shaped_samples import shape_samples
+from denoc_ros.planning.shapers.stream_shaper import StreamShaper
 from denoc_ros.types import Array
 
 MOTIONS = [((0.0, 0.0), (1.0, 1.0), 0.8), ((0.0, 1.0), (1.0, 0.0), 1.0)]

@@ -17,7 +17,7 @@ from feedback_runs import (
     tip_exact,
 )
 
-from denoc_ros.control.state_feedback import FADE, RAMP, StateFeedback
+from denoc_ros.feedback.state_feedback import FADE, RAMP, StateFeedback
 
 
 @cache

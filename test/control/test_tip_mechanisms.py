@@ -7,8 +7,8 @@ import pytest
 from control_runs import ROBOTS, carried_out, cycloid
 
 import denoc_ros as dn
-from denoc_ros.control.plan import Plan
-from denoc_ros.simulation.reference import Circle, follow
+from denoc_ros.dynamics.driven.motion_plan import Plan
+from denoc_ros.simulation.reference_motion import Circle, follow
 
 LEGS = ('joint_11', 'joint_12', 'joint_13')
 CIRCLE = Circle('tool', np.array([0.25, 0.1443, 0.0]), 0.06, 1.0)

@@ -7,7 +7,7 @@ import pytest
 from control_runs import ROBOTS, carried_out, cycloid, strayed
 
 import denoc_ros as dn
-from denoc_ros.control.plan import Plan
+from denoc_ros.dynamics.driven.motion_plan import Plan
 from denoc_ros.types import Array
 
 TIMES = np.linspace(0.0, 10.0, 501)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from planar_chains import FLEXIBLE, RIGID, planar_chain
 
 import denoc_ros as dn
-from denoc_ros.control.stretching import LimitError
+from denoc_ros.planning.timing.stretching import LimitError
 
 TIMES = np.linspace(0.0, 10.0, 301)
 POSTURES = np.radians([10.0, 40.0, 30.0]), np.radians([60.0, 45.0, 30.0])

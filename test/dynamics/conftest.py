@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from denoc_ros.dynamics import batch
+from denoc_ros.dynamics import state_rows as batch
 from denoc_ros.types import Array
 
 Close = Callable[[Array, Array, float], None]

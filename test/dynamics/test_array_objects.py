@@ -11,10 +11,10 @@ from strategies import random_state, seeded_robot
 
 from denoc_ros.dynamics import robot_model
 from denoc_ros.dynamics.robot import Robot, load_robot
-from denoc_ros.kernels.array_object import NOWHERE, array_type
-from denoc_ros.kernels.compiled import entry
-from denoc_ros.kernels.handle import GOOD, MISFIT
-from denoc_ros.kernels.inverse import inverse_dynamics
+from denoc_ros.kernels.dynamics.inverse import inverse_dynamics
+from denoc_ros.kernels.jit.array_object import NOWHERE, array_type
+from denoc_ros.kernels.jit.compiled import entry
+from denoc_ros.kernels.jit.handle import GOOD, MISFIT
 from denoc_ros.types import Array
 
 Close = Callable[[Array, Array, float], None]

@@ -13,9 +13,10 @@ from strategies import random_state, seeded_robot
 
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.dynamics.robot_model import Workspace
-from denoc_ros.kernels import CHECKED, handle
-from denoc_ros.kernels import layout as at_
-from denoc_ros.kernels.cache import cache_folder
+from denoc_ros.kernels import CHECKED
+from denoc_ros.kernels.jit import handle
+from denoc_ros.kernels.jit.cache import cache_folder
+from denoc_ros.kernels.layout import layout as at_
 
 checked = pytest.mark.skipif(not CHECKED, reason='in the mode that checks offsets')
 SHORT = ('-k', 'not loops and not mechanisms and not derivatives')
@@ -64,7 +65,7 @@ def test_an_array_that_is_too_short_is_found_out(element: str) -> None:
 @checked
 def test_an_output_that_is_too_short_is_found_out() -> None:
     """Kernels over rows trust who calls them to give arrays of the same rows."""
-    from denoc_ros.kernels.inverse import inverse_dynamics_rows
+    from denoc_ros.kernels.dynamics.inverse import inverse_dynamics_rows
 
     robot = load_robot(seeded_robot(3, 6))
     inverse(robot)

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from denoc_ros.dynamics.natural_modes import independent_joints, mechanism_modes
+from denoc_ros.dynamics.linear.natural_modes import independent_joints, mechanism_modes
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.types import Array
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
-import pkgutil
 from collections.abc import Callable
 from typing import Any
 
@@ -13,10 +11,9 @@ from looped_robots import random_closed
 from numba.core.runtime import _nrt_python, rtsys
 from strategies import random_state, seeded_robot
 
-import denoc_ros.kernels
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.dynamics.stepper import Stepper
-from denoc_ros.kernels.compiled import DECLARED
+from denoc_ros.kernels.jit.compiled import DECLARED, kernel_modules
 from denoc_ros.types import Array
 
 Close = Callable[[Array, Array, float], None]
@@ -24,8 +21,7 @@ Close = Callable[[Array, Array, float], None]
 
 def entries() -> dict[str, Any]:
     """Kernels that Python calls."""
-    for module in pkgutil.iter_modules(denoc_ros.kernels.__path__):
-        importlib.import_module(f'denoc_ros.kernels.{module.name}')
+    kernel_modules()
     return {kernel.__name__: kernel for kernel in DECLARED}
 
 

@@ -23,25 +23,20 @@ from numba import types
 from numba.core.caching import NullCache
 
 from denoc_ros.dynamics.robot_model import KERNELS
-from denoc_ros.kernels import (
-    CHECKED,
-    articulated,
-    closing,
-    compiled,
-    compiling,
-    driven_step,
-    forward_derivatives,
-    inverse,
-)
-from denoc_ros.kernels.cache import cache_folder, is_kept
-from denoc_ros.kernels.compiled import LongLoops, ShortLoops
+from denoc_ros.kernels import CHECKED
+from denoc_ros.kernels.constraints import closing
+from denoc_ros.kernels.derivatives import forward_derivatives
+from denoc_ros.kernels.dynamics import articulated, driven_step, inverse
+from denoc_ros.kernels.jit import compiled, compiling
+from denoc_ros.kernels.jit.cache import cache_folder, is_kept
+from denoc_ros.kernels.jit.compiled import LongLoops, ShortLoops
 
 # three kernels that take a while, and are kept by a file as numba keeps them
 SLOW = """
 import logging, sys, time
 from types import SimpleNamespace
-from denoc_ros.kernels.cache import SUFFIX, _write, cache_folder
-from denoc_ros.kernels.compiling import compile_in_turn
+from denoc_ros.kernels.jit.cache import SUFFIX, _write, cache_folder
+from denoc_ros.kernels.jit.compiling import compile_in_turn
 
 logging.basicConfig(level=logging.INFO, format='%(message)s', stream=sys.stdout)
 
@@ -238,7 +233,7 @@ def test_kernels_are_kept_by_name_wherever_the_package_is() -> None:
 
 
 def test_what_has_been_compiled_is_known() -> None:
-    from denoc_ros.kernels.compiled import ready
+    from denoc_ros.kernels.jit.compiled import ready
 
     ready(inverse.inverse_dynamics)
     assert is_kept(inverse.inverse_dynamics)
@@ -277,7 +272,7 @@ def test_loops_are_vectorized_but_where_they_are_short() -> None:
     ids=lambda each: getattr(each, '__name__', ''),
 )
 def test_a_kernel_is_ready_with_all_that_it_calls_apart(called: Any, names: list[str]) -> None:
-    from denoc_ros.kernels.compiled import ready
+    from denoc_ros.kernels.jit.compiled import ready
 
     symbols = {f'denoc_ros.kernels.{name}' for name in names}
     assert compiled._symbols(called) == symbols

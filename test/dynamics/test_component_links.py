@@ -12,13 +12,13 @@ import pytest
 from component_links import TURN, beam_as_link
 
 import denoc_ros as dn
-from denoc_ros.cli.node_parameters import node_table
+from denoc_ros.cli.session.node_parameters import node_table
 from denoc_ros.errors import ModelError, StateError
-from denoc_ros.model import link_file
-from denoc_ros.model.beam_arrays import kernel_axes
+from denoc_ros.model.beams import link_file
+from denoc_ros.model.beams.beam_arrays import kernel_axes
 from denoc_ros.model.numbers import numbers_of, values_of
 from denoc_ros.model.overrides import with_overrides
-from denoc_ros.model.source import complete_text
+from denoc_ros.model.reading.source import complete_text
 from denoc_ros.types import Array
 
 Pair = tuple[dn.Robot, dn.Robot]  # of beams, and of files

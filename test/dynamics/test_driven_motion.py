@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from denoc_ros.dynamics.driven_motion import LoopedMotion
+from denoc_ros.dynamics.driven.driven_motion import LoopedMotion
+from denoc_ros.dynamics.driven.torque_feedforward import TorqueFeedforward
 from denoc_ros.dynamics.equilibrium import UnsettledError
-from denoc_ros.dynamics.feedforward import TorqueFeedforward
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.errors import SolverError, StateError
 from denoc_ros.types import Array

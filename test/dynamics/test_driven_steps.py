@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from denoc_ros.dynamics.feedforward import Terms, TorqueFeedforward
+from denoc_ros.dynamics.driven.torque_feedforward import Terms, TorqueFeedforward
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.dynamics.stepper import Stepper
 from denoc_ros.errors import StateError
+from denoc_ros.estimation.joint_tracker import TrackingFilter, joining_acceleration
 from denoc_ros.estimation.observer import Observer
 from denoc_ros.estimation.observer_settings import ObserverSettings
-from denoc_ros.estimation.tracking import TrackingFilter, joining_acceleration
 from denoc_ros.types import Array
 
 ROBOTS = Path(__file__).parents[2] / 'config' / 'robots'

@@ -11,12 +11,12 @@ from control_runs import ROBOTS
 from node_robots import two_links
 from scipy.integrate import cumulative_simpson
 
-from denoc_ros.dynamics.feedforward import Terms, TorqueFeedforward
+from denoc_ros.dynamics.driven.torque_feedforward import Terms, TorqueFeedforward
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.dynamics.stepper import Stepper
 from denoc_ros.errors import SolverError, StateError
-from denoc_ros.kernels.handle import DAMPING, FRICTION
-from denoc_ros.model.friction import SLIP_RATE
+from denoc_ros.kernels.jit.handle import DAMPING, FRICTION
+from denoc_ros.model.joint_friction import SLIP_RATE
 from denoc_ros.trajectories import CycloidalTrajectory
 
 LINK = """

@@ -23,11 +23,11 @@ from small_robots import joint as hinge
 from small_robots import link
 
 import denoc_ros as dn
-from denoc_ros.dynamics.floating_base import wrap_attitude
+from denoc_ros.dynamics.base.floating_base import wrap_attitude
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.dynamics.rotations import left_jacobians, rotation_vectors
-from denoc_ros.dynamics.strain_damping import StrainDamping
 from denoc_ros.errors import StateError
+from denoc_ros.feedback.strain_damping import StrainDamping
 from denoc_ros.types import Array
 
 GRAVITY = (1.0, -9.0, 3.0)

@@ -7,8 +7,8 @@ import pytest
 from base_robots import description, floating, spacecraft
 
 import denoc_ros as dn
-from denoc_ros.dynamics.feedforward import TorqueFeedforward
-from denoc_ros.dynamics.reacting_base import ReactingBase
+from denoc_ros.dynamics.base.reacting_base import ReactingBase
+from denoc_ros.dynamics.driven.torque_feedforward import TorqueFeedforward
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.types import Array
 

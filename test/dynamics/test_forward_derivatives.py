@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from oracles import Oracle
 from strategies import law, random_state, robots, seeded_robot, seeds
 
-from denoc_ros.dynamics.derivatives import HybridDerivatives
+from denoc_ros.dynamics.dynamics_derivatives import HybridDerivatives
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.errors import SolverError, StateError
 from denoc_ros.studies.benchmarks.peers import flexible_chain

@@ -15,8 +15,8 @@ from typing import Any, NoReturn
 import numba
 import pytest
 
-from denoc_ros.kernels import cache
-from denoc_ros.kernels.cache import KernelCache, NotPrivateError, cache_folder, private_folder
+from denoc_ros.kernels.jit import cache
+from denoc_ros.kernels.jit.cache import KernelCache, NotPrivateError, cache_folder, private_folder
 
 STRANGER = 54321
 as_root = pytest.mark.skipif(os.geteuid() != 0, reason='only root can give files away')
@@ -297,7 +297,7 @@ def test_a_folder_that_was_deleted_is_made_again(tmp_path: Path) -> None:
 WRITER = """
 import sys
 from pathlib import Path
-from denoc_ros.kernels.cache import _read, _write
+from denoc_ros.kernels.jit.cache import _read, _write
 file = Path(sys.argv[1])
 content = sys.argv[2].encode() * 50_000
 for _ in range(100):

@@ -10,7 +10,7 @@ from beam_closed_forms import HubBeam, roots
 from beam_robots import STATION, SURFACE, beam_robot
 from numpy.typing import NDArray
 
-from denoc_ros.dynamics.linear_model import LinearModel
+from denoc_ros.dynamics.linear.linear_model import LinearModel
 from denoc_ros.types import Array
 
 BEAM = HubBeam(ei=120.0, density=1.5, length=1.6, tip_mass=0.8, hub=0.35)

@@ -13,8 +13,8 @@ import scipy.signal
 from beam_closed_forms import HubBeam
 from beam_robots import beam_robot
 
-from denoc_ros.dynamics.linear_model import LinearModel
-from denoc_ros.dynamics.natural_modes import mechanism_modes
+from denoc_ros.dynamics.linear.linear_model import LinearModel
+from denoc_ros.dynamics.linear.natural_modes import mechanism_modes
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.errors import DenocError, StateError
 from denoc_ros.simulation.simulate import simulate

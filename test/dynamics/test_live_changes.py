@@ -12,7 +12,7 @@ from strategies import law, random_state, robots, seeded_robot, seeds
 
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.dynamics.stepper import Stepper
-from denoc_ros.kernels.compiled import DECLARED
+from denoc_ros.kernels.jit.compiled import DECLARED
 from denoc_ros.types import Array
 
 Close = Callable[[Array, Array, float], None]

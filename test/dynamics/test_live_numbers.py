@@ -13,7 +13,7 @@ from small_robots import ARM
 from spring_oracle import elastic_robot
 
 from denoc_ros.dynamics import robot_model
-from denoc_ros.dynamics.measured_side import measured_robot
+from denoc_ros.dynamics.driven.measured_side import measured_robot
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.errors import ConfigError, DenocError, ModelError
 from denoc_ros.model.numbers import Number, numbers_of, values_of, with_numbers

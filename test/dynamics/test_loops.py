@@ -13,7 +13,7 @@ from looped_robots import LOOPS, Closed, random_closed
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.stepper import Stepper
 from denoc_ros.errors import StateError
-from denoc_ros.model.constraints import directions
+from denoc_ros.model.loop_constraints import directions
 from denoc_ros.types import Array
 
 Close = Callable[[Array, Array, float], None]

@@ -10,8 +10,12 @@ import pytest
 from geared_arm import arm_text
 
 import denoc_ros as dn
-from denoc_ros.dynamics.feedforward import TorqueFeedforward
-from denoc_ros.dynamics.measured_side import MeasuredStates, measured_equilibrium, measured_robot
+from denoc_ros.dynamics.driven.measured_side import (
+    MeasuredStates,
+    measured_equilibrium,
+    measured_robot,
+)
+from denoc_ros.dynamics.driven.torque_feedforward import TorqueFeedforward
 from denoc_ros.dynamics.springs import deflection
 from denoc_ros.estimation.observer import Observer
 from denoc_ros.estimation.observer_settings import ObserverSettings

@@ -10,9 +10,9 @@ from differences import central_differences
 
 import denoc_ros as dn
 from denoc_ros.dynamics.assembling import mobility
-from denoc_ros.dynamics.constraints import transposed_change
+from denoc_ros.dynamics.constrained_dynamics import transposed_change
 from denoc_ros.dynamics.equilibrium import Equilibrium
-from denoc_ros.dynamics.natural_modes import independent_joints, mechanism_modes
+from denoc_ros.dynamics.linear.natural_modes import independent_joints, mechanism_modes
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.types import Array
 

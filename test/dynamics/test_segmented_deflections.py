@@ -11,7 +11,7 @@ from segmented_robots import spatial_text
 from strategies import random_state
 
 import denoc_ros as dn
-from denoc_ros.dynamics.deflection import CentreLine, TipDeflections
+from denoc_ros.dynamics.elastic.deflection import CentreLine, TipDeflections
 from denoc_ros.dynamics.rotations import rotations
 from denoc_ros.errors import StateError
 from denoc_ros.types import Array

@@ -12,7 +12,7 @@ from segmented_robots import cable_text, rod, spatial_text
 from strategies import random_state
 
 import denoc_ros as dn
-from denoc_ros.dynamics.deflection import TipDeflections
+from denoc_ros.dynamics.elastic.deflection import TipDeflections
 from denoc_ros.types import Array
 
 Close = Callable[[Array, Array, float], None]

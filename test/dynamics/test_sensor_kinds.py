@@ -12,8 +12,8 @@ from strategies import random_state
 import denoc_ros as dn
 from denoc_ros.bags.series import read_readings
 from denoc_ros.bags.writer import BagWriter
+from denoc_ros.export.mjcf import mjcf
 from denoc_ros.model import tree as sensor_types
-from denoc_ros.model.mjcf import mjcf
 from denoc_ros.model.numbers import values_of
 from denoc_ros.model.sensors import inertial_values, message_place
 

@@ -24,7 +24,7 @@ from shape_study import (
 )
 
 from denoc_ros.dynamics.robot import load_robot
-from denoc_ros.model.shapes import wave_numbers
+from denoc_ros.model.beams.shapes import wave_numbers
 from denoc_ros.types import Array
 
 # Table 3.2 by what its rows are; the labels of the last two are wrong (docs/shapes.md).

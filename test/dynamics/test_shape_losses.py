@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from segmented_robots import rod
 
+from denoc_ros.dynamics.elastic.shape_losses import ShapeLoss, shape_losses
 from denoc_ros.dynamics.robot import Robot, load_robot
-from denoc_ros.dynamics.shape_losses import ShapeLoss, shape_losses
 
 PIN = """<loop name="pin" type="revolute"><parent link="base" xyz="1 0 0"/>
 <child link="arm" xyz="1 0 0"/><axis xyz="0 0 1"/></loop>"""

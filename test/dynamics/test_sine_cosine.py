@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from denoc_ros.kernels.rotation import FARTHEST, sine_cosine
+from denoc_ros.kernels.algebra.rotation import FARTHEST, sine_cosine
 
 
 def angles(reach: float) -> NDArray[np.float64]:

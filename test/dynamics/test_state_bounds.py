@@ -10,9 +10,13 @@ from gauge_runs import load
 from segmented_robots import strip, strip_text
 from small_robots import ARM
 
-from denoc_ros.dynamics.deflection import TipDeflections
+from denoc_ros.dynamics.elastic.deflection import TipDeflections
+from denoc_ros.dynamics.elastic.state_bounds import (
+    DEFLECTION_SHARE,
+    LARGEST_ANGLE_RAD,
+    StateBounds,
+)
 from denoc_ros.dynamics.robot import Robot, load_robot
-from denoc_ros.dynamics.state_bounds import DEFLECTION_SHARE, LARGEST_ANGLE_RAD, StateBounds
 from denoc_ros.errors import StateError
 
 STATES = 200

@@ -9,7 +9,7 @@ from planar_chains import PlanarLink, planar_chain
 
 import denoc_ros as dn
 from denoc_ros.dynamics.stepper import Stepper
-from denoc_ros.dynamics.strain_damping import StrainDamping
+from denoc_ros.feedback.strain_damping import StrainDamping
 from denoc_ros.types import Array
 
 ARM = (PlanarLink(1.0, 2.0, 150.0), PlanarLink(0.8, 1.0, 60.0))

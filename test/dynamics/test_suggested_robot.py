@@ -10,8 +10,8 @@ import pytest
 from suggested_robots import EI, LENGTH, MASS, tube_arm
 
 from denoc_ros.dynamics.robot import load_robot
-from denoc_ros.model.suggest.beam import BeamSuggestion
-from denoc_ros.model.suggest.suggestion import suggest_flexibility
+from denoc_ros.reduction.suggest.suggested_beam import BeamSuggestion
+from denoc_ros.reduction.suggest.suggestion import suggest_flexibility
 
 LEVEL = (-9.81, 0.0, 0.0)  # the arm stands along Z of its base and turns about Y
 

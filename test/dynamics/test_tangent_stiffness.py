@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from differences import central_differences
 
-from denoc_ros.dynamics.natural_modes import stiffness
+from denoc_ros.dynamics.linear.natural_modes import stiffness
 from denoc_ros.dynamics.robot import load_robot
 
 LOADS = {'tool': (30.0, -20.0, 10.0, 1.0, 2.0, 3.0)}

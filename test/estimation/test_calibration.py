@@ -8,7 +8,7 @@ from planar_chains import PlanarLink, planar_chain
 
 import denoc_ros as dn
 from denoc_ros.errors import IdentificationError, StateError
-from denoc_ros.estimation.calibration import (
+from denoc_ros.identification.calibration import (
     calibrate,
     calibration_paths,
     find_plateaus,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from denoc_ros.estimation.clock import StampClock
+from denoc_ros.estimation.stamp_clock import StampClock
 
 STEADY, WALL = 50.0, 1.7e9  # the two clocks at the start
 

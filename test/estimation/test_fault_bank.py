@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from denoc_ros.kernels.fault_bank import advance_filters, compare_filters
+from denoc_ros.kernels.runtime.fault_bank import advance_filters, compare_filters
 from denoc_ros.types import Array, Flags
 
 FILTERS, MODES, BIASES, VALUES = 3, 2, 1, 4

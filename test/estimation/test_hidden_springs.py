@@ -9,7 +9,7 @@ import pytest
 from geared_arm import arm_text
 
 import denoc_ros as dn
-from denoc_ros.dynamics.measured_side import MeasuredStates, measured_robot
+from denoc_ros.dynamics.driven.measured_side import MeasuredStates, measured_robot
 from denoc_ros.dynamics.springs import GearSprings, next_deflection
 from denoc_ros.estimation.observer import Observer
 from denoc_ros.estimation.observer_settings import ObserverSettings

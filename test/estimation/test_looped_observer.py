@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import denoc_ros as dn
-from denoc_ros.dynamics.feedforward import TorqueFeedforward
+from denoc_ros.dynamics.driven.torque_feedforward import TorqueFeedforward
 from denoc_ros.estimation.fusion import FusionSettings
 from denoc_ros.estimation.observer import Observer
 from denoc_ros.estimation.observer_settings import ObserverSettings

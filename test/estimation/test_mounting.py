@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.errors import ConfigError, IdentificationError
-from denoc_ros.estimation.calibration import calibrate_mounting
+from denoc_ros.identification.calibration import calibrate_mounting
 from denoc_ros.model.overrides import remounted_description
 from denoc_ros.types import Array
 

@@ -7,7 +7,7 @@ import pytest
 from base_robots import description, floating, spacecraft
 
 import denoc_ros as dn
-from denoc_ros.dynamics.base_motion import BaseMotion
+from denoc_ros.dynamics.base.base_motion import BaseMotion
 from denoc_ros.dynamics.robot import load_robot
 from denoc_ros.errors import StateError
 from denoc_ros.estimation.base_track import BaseTrack

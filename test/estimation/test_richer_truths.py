@@ -11,7 +11,7 @@ import pytest
 from gauge_runs import END, PAYLOAD, SEED, STEP, Recording, load, observer, reference, replay
 
 import denoc_ros as dn
-from denoc_ros.dynamics.deflection import TipDeflections
+from denoc_ros.dynamics.elastic.deflection import TipDeflections
 from denoc_ros.dynamics.structure import sensor_rows
 from denoc_ros.model.plant_description import PlantDescription
 from denoc_ros.types import Array

@@ -16,11 +16,11 @@ from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.errors import BagError
 from denoc_ros.estimation.joint_motion import SmoothedMotion
 from denoc_ros.estimation.torque_along import TorqueReplay, Torques
-from denoc_ros.model.friction import Friction
-from denoc_ros.replay.bag import replay_bag
-from denoc_ros.replay.friction import FrictionFit
-from denoc_ros.replay.settings import ReplaySettings
-from denoc_ros.replay.summary import doubts
+from denoc_ros.model.joint_friction import Friction
+from denoc_ros.simulation.recorded.replay_bag import replay_bag
+from denoc_ros.simulation.recorded.replay_settings import ReplaySettings
+from denoc_ros.simulation.recorded.replay_summary import doubts
+from denoc_ros.simulation.recorded.residual_friction import FrictionFit
 
 ROWS = 30
 STARTS = np.arange(ROWS) == 0

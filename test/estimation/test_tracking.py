@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from denoc_ros.estimation.tracking import TrackingFilter
+from denoc_ros.estimation.joint_tracker import TrackingFilter
 
 STEP = 1e-3
 

@@ -16,8 +16,8 @@ from suggested_robots import tube_arm
 from denoc_ros.cli.main import main
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.errors import DenocError, ModelError
-from denoc_ros.model.suggest.suggestion import suggest_flexibility
-from denoc_ros.model.urdf import load_tree
+from denoc_ros.model.reading.urdf import load_tree
+from denoc_ros.reduction.suggest.suggestion import suggest_flexibility
 
 ROBOTS = sorted((Path(__file__).resolve().parents[2] / 'config' / 'robots').glob('*.urdf'))
 PLAIN = [tube_arm(), (ROBOTS[0].parent / 'ur10.urdf').read_text()]

@@ -55,7 +55,7 @@ def places(value: Any) -> Iterator[tuple[Any, Any]]:
 @pytest.fixture
 def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Return the directory of a short run of an arm, whose pictures no session changes."""
-    monkeypatch.setattr('denoc_ros.reports.run.moments', lambda *_: None)
+    monkeypatch.setattr('denoc_ros.reports.run_page.moments', lambda *_: None)
 
     with BagWriter(tmp_path / 'bag') as bag:
         bag.attach('robot_description.urdf', planar_chain([FLEXIBLE, RIGID]))

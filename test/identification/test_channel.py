@@ -13,13 +13,13 @@ from scipy.io import savemat
 from denoc_ros.bags.tables import is_time, unit_of_times
 from denoc_ros.bags.writer import BagWriter
 from denoc_ros.errors import BagError, IdentificationError
-from denoc_ros.identification.channel import (
+from denoc_ros.identification.decay.channel import (
     Channel,
     channels_of,
     joint_positions,
     read_record,
 )
-from denoc_ros.identification.records import Record, doubtful_rate
+from denoc_ros.identification.decay.records import Record, doubtful_rate
 
 START_NS = 1_700_000_000_000_000_000
 DELAY_NS = 2_000_000  # from stamp to recording

@@ -11,11 +11,11 @@ import yaml
 from data_files import DATA
 
 from denoc_ros.dynamics.robot import Robot, load_robot
-from denoc_ros.identification.damping import assign_damping
-from denoc_ros.identification.decrement import critical_joint_damping
-from denoc_ros.identification.fit import fit_modes
-from denoc_ros.identification.joint import fit_joint
-from denoc_ros.identification.records import Record
+from denoc_ros.identification.decay.damping import assign_damping
+from denoc_ros.identification.decay.decrement import critical_joint_damping
+from denoc_ros.identification.decay.modes_fit import fit_modes
+from denoc_ros.identification.decay.records import Record
+from denoc_ros.identification.joint.joint_swing import fit_joint
 from denoc_ros.simulation.simulate import simulate
 
 GRAVITY = (0.0, -9.81, 0.0)

@@ -10,7 +10,7 @@ from segmented_robots import strip_text
 
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.errors import IdentificationError
-from denoc_ros.identification.damping import assign_damping, damping_overrides
+from denoc_ros.identification.decay.damping import assign_damping, damping_overrides
 
 Floats = NDArray[np.float64]
 STATE = {'joint_1': 0.1, 'joint_2': 0.5, 'joint_3': 0.3}

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import denoc_ros as dn
-from denoc_ros.identification.records import Record
-from denoc_ros.identification.spectra import evolving_spectra, waterfall
+from denoc_ros.identification.decay.records import Record
+from denoc_ros.identification.decay.spectra import evolving_spectra, waterfall
 from denoc_ros.studies.selftest import Defects, Truth, synthetic_decay
 
 BOOK_LINK = (Truth(7.62, 0.198), Truth(47.7, 0.0428, 0.5, 0.5))

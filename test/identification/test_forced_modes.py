@@ -9,8 +9,8 @@ from scipy.io import loadmat
 from scipy.signal import cont2discrete, lfilter
 
 import denoc_ros as dn
-from denoc_ros.identification.forced import fit_forced
-from denoc_ros.identification.records import Record
+from denoc_ros.identification.decay.forced import fit_forced
+from denoc_ros.identification.decay.records import Record
 
 STEP = 0.005
 MODES = ((3.0, 0.02, 1.0), (11.0, 0.01, 2.0))

@@ -16,8 +16,8 @@ from strange_records import (
     with_drift,
 )
 
-from denoc_ros.identification.records import Record
-from denoc_ros.identification.segments import decay_window
+from denoc_ros.identification.decay.record_segments import decay_window
+from denoc_ros.identification.decay.records import Record
 
 WITHOUT = (free_decay, with_drift, coarse, clipped, two_modes, lossy, quadratic, hardening)
 DRAWS = 240

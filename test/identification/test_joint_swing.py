@@ -12,9 +12,9 @@ from scipy.integrate import solve_ivp
 from scipy.special import ellipk
 
 import denoc_ros as dn
-from denoc_ros.identification.joint import fit_joint
-from denoc_ros.identification.records import Record
-from denoc_ros.identification.swing import JointSwing, swing_angles
+from denoc_ros.identification.decay.records import Record
+from denoc_ros.identification.joint.joint_swing import fit_joint
+from denoc_ros.identification.joint.swing import JointSwing, swing_angles
 
 Floats = NDArray[np.float64]
 INERTIA, GRAVITY = 0.02, 1.0

@@ -7,12 +7,12 @@ import pytest
 from scipy.interpolate import PchipInterpolator
 
 import denoc_ros as dn
-from denoc_ros.identification.decrement import (
+from denoc_ros.identification.decay.decrement import (
     critical_joint_damping,
     damping_ratio,
     log_decrement,
 )
-from denoc_ros.identification.records import Record
+from denoc_ros.identification.decay.records import Record
 from denoc_ros.studies.selftest import Defects, Truth, synthetic_decay
 
 

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 import denoc_ros as dn
-from denoc_ros.identification.fit import fit_modes
-from denoc_ros.identification.records import Record
+from denoc_ros.identification.decay.modes_fit import fit_modes
+from denoc_ros.identification.decay.records import Record
 from denoc_ros.studies.selftest import Decay, Defects, Truth, synthetic_decay
 
 Floats = NDArray[np.float64]

@@ -9,13 +9,17 @@ import pytest
 from numpy.typing import NDArray
 
 from denoc_ros.bags.writer import BagWriter
-from denoc_ros.identification.analysis import analyse_decay
-from denoc_ros.identification.channel import Channel, read_record
-from denoc_ros.identification.components import find_lines, later_start_differs, suspects
-from denoc_ros.identification.damped import Damped, fit_damped
-from denoc_ros.identification.fit import fit_modes
-from denoc_ros.identification.records import Record
-from denoc_ros.identification.segments import decay_window, moving_until, standing_spans
+from denoc_ros.identification.decay.analysis import analyse_decay
+from denoc_ros.identification.decay.channel import Channel, read_record
+from denoc_ros.identification.decay.components import find_lines, later_start_differs, suspects
+from denoc_ros.identification.decay.damped import Damped, fit_damped
+from denoc_ros.identification.decay.modes_fit import fit_modes
+from denoc_ros.identification.decay.record_segments import (
+    decay_window,
+    moving_until,
+    standing_spans,
+)
+from denoc_ros.identification.decay.records import Record
 
 Floats = NDArray[np.float64]
 RATE, SECONDS = 250.0, 2.5

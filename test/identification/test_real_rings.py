@@ -7,9 +7,9 @@ import pytest
 from data_files import rig_run
 from scipy.io import loadmat
 
-from denoc_ros.identification.fit import fit_modes
-from denoc_ros.identification.modes import Modes
-from denoc_ros.identification.records import Record
+from denoc_ros.identification.decay.modes import Modes
+from denoc_ros.identification.decay.modes_fit import fit_modes
+from denoc_ros.identification.decay.records import Record
 
 RUNS = (
     '0deg_run01',

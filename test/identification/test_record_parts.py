@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from denoc_ros.identification.records import Record, assess
-from denoc_ros.identification.segments import find_segments
+from denoc_ros.identification.decay.record_segments import find_segments
+from denoc_ros.identification.decay.records import Record, assess
 from denoc_ros.studies.selftest import Defects, Truth, synthetic_decay
 
 Floats = NDArray[np.float64]

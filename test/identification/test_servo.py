@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from denoc_ros.control.servo import joint_servo
 from denoc_ros.errors import IdentificationError
-from denoc_ros.identification.servo import ServoFit, fit_servo_runs
+from denoc_ros.identification.servo.servo_fit import ServoFit, fit_servo_runs
+from denoc_ros.planning.shapers.joint_servo import joint_servo
 from denoc_ros.types import Array
 
 STEP = 0.004

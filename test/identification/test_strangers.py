@@ -10,10 +10,10 @@ from bench.identify_strangers import judged, judged_file
 from strange_files import PHYSICS, SHAPES
 from strange_records import CLEAN, STRANGE, Ring
 
-from denoc_ros.identification.analysis import analyse_decay
-from denoc_ros.identification.fit import identify_modes
-from denoc_ros.identification.modes import GOOD
-from denoc_ros.identification.records import Record
+from denoc_ros.identification.decay.analysis import analyse_decay
+from denoc_ros.identification.decay.modes import GOOD
+from denoc_ros.identification.decay.modes_fit import identify_modes
+from denoc_ros.identification.decay.records import Record
 
 KINDS = len(CLEAN) + len(STRANGE)
 

@@ -11,7 +11,7 @@ from hypothesis import given, settings, strategies
 from small_robots import ARM, beam, block, link, robot
 
 from denoc_ros.errors import ModelError
-from denoc_ros.model.urdf import load_tree
+from denoc_ros.model.reading.urdf import load_tree
 
 Spoil = Callable[[str, str], str]
 

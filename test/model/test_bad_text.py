@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from denoc_ros.errors import ModelError
-from denoc_ros.model.source import LARGEST_TEXT
-from denoc_ros.model.urdf import load_tree
+from denoc_ros.model.reading.source import LARGEST_TEXT
+from denoc_ros.model.reading.urdf import load_tree
 
 Spoil = Callable[[str, str], str]
 

@@ -10,10 +10,10 @@ import pytest
 from small_robots import ROD, beam, block, body_index, joint, link, robot
 
 from denoc_ros.errors import ModelError
-from denoc_ros.model.beams import flexible_link
-from denoc_ros.model.findings import Findings
-from denoc_ros.model.flexibility import BeamElement
+from denoc_ros.model.beams.beams import flexible_link
 from denoc_ros.model.inertia import beam_inertia, moved, total
+from denoc_ros.model.reading.findings import Findings
+from denoc_ros.model.reading.flexibility import BeamElement
 from denoc_ros.model.tree import Deformation, RigidInertia, Tree
 
 Spoil = Callable[[str, str], str]

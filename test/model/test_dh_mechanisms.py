@@ -13,7 +13,7 @@ from mechanisms import CONFIG, DOWN, SHIPPED, START, mechanism
 
 from denoc_ros.cli.main import main
 from denoc_ros.errors import ConfigError
-from denoc_ros.model.urdf import load_tree
+from denoc_ros.model.reading.urdf import load_tree
 from denoc_ros.studies.dh import urdf_text
 from denoc_ros.studies.dh_system import load_system, read_system
 

@@ -8,7 +8,7 @@ import pinocchio
 import pytest
 
 from denoc_ros.errors import ModelError
-from denoc_ros.model.urdf import load_tree
+from denoc_ros.model.reading.urdf import load_tree
 
 ROBOTS = Path(pinocchio.__file__).parents[4] / 'share' / 'example-robot-data' / 'robots'
 # Truly bad files of the package: mimic joints that follow none, and one without a robot.

@@ -10,7 +10,7 @@ import pytest
 
 from denoc_ros.errors import ModelError
 from denoc_ros.model.overrides import with_overrides
-from denoc_ros.model.urdf import load_tree
+from denoc_ros.model.reading.urdf import load_tree
 
 ROOT = Path(__file__).resolve().parents[2]
 TEXT = (ROOT / 'docs' / 'flexibility.md').read_text()

@@ -6,7 +6,7 @@ import pytest
 from small_robots import link
 
 from denoc_ros.errors import ModelError
-from denoc_ros.model.urdf import load_tree
+from denoc_ros.model.reading.urdf import load_tree
 
 
 def afloat(name: str, parent: str, child: str, inner: str = '', kind: str = 'floating') -> str:

@@ -8,7 +8,7 @@ from small_robots import ARM
 from denoc_ros.errors import ConfigError, ModelError
 from denoc_ros.model.numbers import values_of
 from denoc_ros.model.overrides import with_overrides
-from denoc_ros.model.urdf import load_tree
+from denoc_ros.model.reading.urdf import load_tree
 
 IMU = (
     '<sensor name="imu" type="imu" link="upper_arm" station="3" xyz="0 0.1 0" rpy="0 0 1"'

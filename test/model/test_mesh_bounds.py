@@ -16,9 +16,9 @@ from peak_memory import peak_memory
 import denoc_ros as dn
 from denoc_ros.child_arrays import child_arrays
 from denoc_ros.errors import ModelError
-from denoc_ros.model.mesh_files import SURFACE_FORMATS, read_surface, read_surfaces
-from denoc_ros.model.section_profiles import read_outline
-from denoc_ros.model.suggest.suggestion import suggest_flexibility
+from denoc_ros.model.beams.section_profiles import read_outline
+from denoc_ros.model.reading.mesh_files import SURFACE_FORMATS, read_surface, read_surfaces
+from denoc_ros.reduction.suggest.suggestion import suggest_flexibility
 from denoc_ros.viewer.outline import outlines
 
 MEMORY_RISE = 200_000  # KiB by which the peak of all processes may rise

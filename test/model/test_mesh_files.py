@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from denoc_ros.model.mesh_files import mesh_file
+from denoc_ros.model.reading.mesh_files import mesh_file
 
 
 def test_mesh_files_come_from_the_folder_or_a_package_only(

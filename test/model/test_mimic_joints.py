@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from denoc_ros.model.reading.urdf import load_tree
 from denoc_ros.model.tree import Mimic
-from denoc_ros.model.urdf import load_tree
 
 MASS = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>'
 

@@ -12,8 +12,8 @@ import pytest
 from denoc_ros.errors import ConfigError, ModelError
 from denoc_ros.model.numbers import values_of
 from denoc_ros.model.overrides import edited_description, with_overrides
+from denoc_ros.model.reading.urdf import load_tree
 from denoc_ros.model.tree import Beam, Body, Joint, Tree
-from denoc_ros.model.urdf import load_tree
 
 Spoil = Callable[[str, str], str]
 

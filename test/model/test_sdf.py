@@ -13,9 +13,9 @@ from scipy.spatial.transform import Rotation
 
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.errors import ModelError
-from denoc_ros.model.mjcf import mjcf
+from denoc_ros.export.mjcf import mjcf
+from denoc_ros.export.sdf import sdf
 from denoc_ros.model.overrides import with_overrides
-from denoc_ros.model.sdf import sdf
 from denoc_ros.types import Array
 
 ROBOTS = Path(__file__).resolve().parents[2] / 'config' / 'robots'

@@ -14,13 +14,13 @@ from trimesh.path.exchange.misc import polygon_to_path
 
 import denoc_ros as dn
 from denoc_ros.errors import ModelError
-from denoc_ros.model.cross_sections import (
+from denoc_ros.model.beams.cross_sections import (
     CrossSection,
     rectangle_section,
     rectangle_torsion_constant,
     tube_section,
 )
-from denoc_ros.model.section_profiles import Loop, profile_section, read_outline
+from denoc_ros.model.beams.section_profiles import Loop, profile_section, read_outline
 from denoc_ros.types import Array
 
 E, G, DENSITY = 7.0e10, 2.6e10, 2700.0
@@ -205,7 +205,7 @@ def test_a_bad_outline_is_told(section: str, message: str, tmp_path: Path) -> No
 
 
 def test_the_missing_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delitem(sys.modules, 'denoc_ros.model.section_profiles')
+    monkeypatch.delitem(sys.modules, 'denoc_ros.model.beams.section_profiles')
     monkeypatch.setitem(sys.modules, 'sectionproperties.analysis.section', None)
     with pytest.raises(ModelError, match=r"pip install 'denoc_ros\[sections\]'"):
         dn.load_robot(arm(polygon(lying(0.0411, 0.03, 0.0)), False))

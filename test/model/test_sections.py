@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from denoc_ros.model.cross_sections import (
+from denoc_ros.model.beams.cross_sections import (
     rectangle_section,
     rectangle_torsion_constant,
     rectangle_tube_section,

@@ -8,9 +8,9 @@ from segmented_robots import spatial_text, strip_text
 
 import denoc_ros as dn
 from denoc_ros.errors import ModelError
+from denoc_ros.model.beams.segments import locate, segment_shapes, segment_torsion_shapes
 from denoc_ros.model.numbers import values_of
-from denoc_ros.model.segments import locate, segment_shapes, segment_torsion_shapes
-from denoc_ros.model.urdf import load_tree
+from denoc_ros.model.reading.urdf import load_tree
 
 BENDING = '<bending direction="y" ei="1" modes="2"/>'
 BAD = [

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from denoc_ros.model.reading.urdf import load_tree
 from denoc_ros.model.tree import Tree
-from denoc_ros.model.urdf import load_tree
 from denoc_ros.types import Array
 
 LENGTH, EI, SURFACE = 2.0, 50.0, 0.01

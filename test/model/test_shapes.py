@@ -10,7 +10,7 @@ import pytest
 from scipy.optimize import brentq
 
 from denoc_ros.errors import StateError
-from denoc_ros.model.shapes import (
+from denoc_ros.model.beams.shapes import (
     SHAPES,
     ShapeFunctions,
     WaveShapes,

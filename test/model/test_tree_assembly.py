@@ -11,8 +11,8 @@ import pytest
 from small_robots import ROD, beam, block, body_index, joint, link, robot
 
 from denoc_ros.model.inertia import inverse_transform
+from denoc_ros.model.reading.urdf import load_tree
 from denoc_ros.model.tree import JointKind
-from denoc_ros.model.urdf import load_tree
 
 Spoil = Callable[[str, str], str]
 

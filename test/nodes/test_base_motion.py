@@ -15,7 +15,7 @@ from nav_msgs.msg import Odometry
 from node_robots import GRAVITY, JOINTS, two_links
 from sensor_msgs.msg import Imu, JointState
 
-from denoc_ros.dynamics.reacting_base import ReactingBase
+from denoc_ros.dynamics.base.reacting_base import ReactingBase
 from denoc_ros.dynamics.robot import load_robot
 from denoc_ros.nodes.feedforward import FeedforwardNode
 from denoc_ros.nodes.plant import PlantNode

@@ -13,7 +13,7 @@ from child_processes import child
 from rclpy.duration import Duration
 from std_msgs.msg import String
 
-from denoc_ros.nodes.middleware import (
+from denoc_ros.nodes.base.middleware import (
     BUFFERS,
     FROM_PROFILES,
     LOCALHOST,
@@ -23,15 +23,15 @@ from denoc_ros.nodes.middleware import (
     release_buffers,
     use_sockets,
 )
-from denoc_ros.runtime.realtime import CHOSEN, return_large_pieces
+from denoc_ros.runtime.loop.realtime import CHOSEN, return_large_pieces
 
 FASTRTPS = 'rmw_fastrtps_cpp'
 MESSAGES, SIZE = 200, 50_000  # bytes each: one datagram, so that none waits for its fragments
 HEAP = """
 import ctypes, sys, rclpy
 from denoc_ros.errors import DenocError
-from denoc_ros.nodes.messages import EVERY_MESSAGE
-from denoc_ros.nodes.process import run
+from denoc_ros.nodes.base.messages import EVERY_MESSAGE
+from denoc_ros.nodes.base.process import run
 from std_msgs.msg import String
 
 FIELDS = 'arena ordblks smblks hblks hblkhd usmblks fsmblks uordblks fordblks keepcost'
@@ -79,8 +79,8 @@ sys.exit(run(keep, [], shared_memory=True))
 PUBLISHER = """
 import sys, time, rclpy
 from denoc_ros.errors import DenocError
-from denoc_ros.nodes.messages import STATE
-from denoc_ros.nodes.process import run
+from denoc_ros.nodes.base.messages import STATE
+from denoc_ros.nodes.base.process import run
 from rclpy.duration import Duration
 from std_msgs.msg import String
 

@@ -13,8 +13,8 @@ from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from denoc_ros.dynamics.robot import load_robot
+from denoc_ros.nodes.base.messages import time_message
 from denoc_ros.nodes.feedforward import FeedforwardNode
-from denoc_ros.nodes.messages import time_message
 from denoc_ros.nodes.predictor import PredictorNode
 from denoc_ros.types import Array
 

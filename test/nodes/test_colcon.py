@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 from child_processes import child
 
-from denoc_ros.cli.config import NODES
+from denoc_ros.cli.session.session_config import NODES
 
 pytestmark = pytest.mark.ros
 
@@ -89,7 +89,10 @@ def test_workspace_is_an_ament_prefix(workspace: Path, overlay: dict[str, str]) 
 def test_workspace_comes_before_other_installations(
     workspace: Path, overlay: dict[str, str]
 ) -> None:
-    script = 'import denoc_ros.cli.config as c; print(c.__file__); print(c.share_directory())'
+    script = (
+        'import denoc_ros.cli.session.session_config as c; '
+        'print(c.__file__); print(c.share_directory())'
+    )
     shown = subprocess.run(
         ['python3', '-c', script],
         env=overlay,

@@ -40,7 +40,8 @@ LEFT_BEHIND = (
     LEFT
     + """
 import os, signal, sys, threading
-from denoc_ros.nodes import feedforward, process
+from denoc_ros.nodes.base import process
+from denoc_ros.nodes import feedforward
 
 def active():
     return any(name.name == 'loop' for name in threading.enumerate())
@@ -75,7 +76,7 @@ INTERRUPTED = (
     + """
 import os, signal, threading
 from types import SimpleNamespace
-from denoc_ros.cli import up
+from denoc_ros.cli import up_verb as up
 from denoc_ros.cli.interrupts import Interrupts
 from denoc_ros.nodes import session_client
 

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from sensor_msgs.msg import JointState
 
-from denoc_ros.nodes.inputs import HELD, arrivals
-from denoc_ros.nodes.robot_node import WITHIN_A_TICK, RobotNode
-from denoc_ros.runtime.conversions import LONGEST, JointStateReader
-from denoc_ros.runtime.parameters import ParameterTable
-from denoc_ros.runtime.shared_parameters import (
+from denoc_ros.nodes.base.inputs import HELD, arrivals
+from denoc_ros.nodes.base.robot_node import WITHIN_A_TICK, RobotNode
+from denoc_ros.runtime.inputs.conversions import LONGEST, JointStateReader
+from denoc_ros.runtime.parameters.parameter_table import ParameterTable
+from denoc_ros.runtime.parameters.shared_parameters import (
     AUTOSTART,
     INPUTS,
     LOOP,

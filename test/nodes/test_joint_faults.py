@@ -14,8 +14,8 @@ from predictor_bench import ARM, DOWN, RATE, begun, joint_state, swing
 from rclpy.serialization import serialize_message
 
 from denoc_ros.nodes.predictor import PredictorNode
-from denoc_ros.runtime.input_monitor import InputError
-from denoc_ros.runtime.status import OK, WARN, Status
+from denoc_ros.runtime.inputs.input_monitor import InputError
+from denoc_ros.runtime.loop.status import OK, WARN, Status
 from denoc_ros.simulation.simulate import Run
 from denoc_ros.types import Array
 

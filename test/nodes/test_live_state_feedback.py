@@ -11,12 +11,12 @@ import pytest
 from feedback_runs import CANADARM, PERIOD, START, Planned, canadarm, tip_exact
 
 from denoc_ros.errors import StateError
-from denoc_ros.runtime.feedforward_parameters import TABLE
-from denoc_ros.runtime.live_state_feedback import LiveStateFeedback
-from denoc_ros.runtime.parameters import Settings
-from denoc_ros.runtime.planner import Planner
-from denoc_ros.runtime.reference import ReferenceFollower
-from denoc_ros.runtime.trajectory_messages import TrajectoryMessage
+from denoc_ros.feedback.live_state_feedback import LiveStateFeedback
+from denoc_ros.runtime.inputs.trajectory_messages import TrajectoryMessage
+from denoc_ros.runtime.parameters.feedforward_parameters import TABLE
+from denoc_ros.runtime.parameters.parameter_table import Settings
+from denoc_ros.runtime.reference.reference import ReferenceFollower
+from denoc_ros.runtime.worker.worker import Planner
 
 LIMITS = np.full(3, 5000.0)
 JOINTS = ('joint_1', 'joint_2', 'joint_3')

@@ -11,6 +11,8 @@ from typing import Any
 import pytest
 from node_robots import GRAVITY, two_links
 
+from denoc_ros.parts import node_main
+
 pytestmark = pytest.mark.ros
 
 PAGE = Path(__file__).resolve().parents[2] / 'docs' / 'nodes.md'
@@ -67,9 +69,7 @@ def test_topics_and_services_of_the_page_are_the_node_s(
     more: dict[str, Any] = {'urdf_path': str(robot)}
     more.update(EVERYTHING.get(node, {}))
     more.update({'output': str(tmp_path / 'bag')} if node == 'recorder' else {'gravity': GRAVITY})
-    made = graph.add(
-        getattr(import_module(f'denoc_ros.nodes.{node}'), CLASSES[node]), parameters=more
-    )
+    made = graph.add(getattr(import_module(node_main(node)), CLASSES[node]), parameters=more)
     sensors = {'/strain', '/loads', '/named'}  # the robot's own topics: one row for all
 
     def topics() -> dict[str, str]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -16,8 +15,9 @@ from denoc_ros.nodes.feedforward import FeedforwardNode
 from denoc_ros.nodes.plant import PlantNode
 from denoc_ros.nodes.predictor import PredictorNode
 from denoc_ros.nodes.recorder import Recorder
-from denoc_ros.nodes.viewer import ViewerNode
-from denoc_ros.runtime.parameters import shared_names
+from denoc_ros.parts import parameter_table
+from denoc_ros.runtime.parameters.parameter_table import shared_names
+from denoc_ros.viewer.viewer import ViewerNode
 
 pytestmark = pytest.mark.ros
 CLASSES = {
@@ -136,7 +136,7 @@ def test_a_node_starts_from_what_it_dumps(
 
 @pytest.mark.parametrize('name', sorted(CLASSES))
 def test_documented_defaults_can_be_given(graph: Any, tmp_path: Path, name: str) -> None:
-    table = import_module(f'denoc_ros.runtime.{name}_parameters').TABLE
+    table = parameter_table(name)
     defaults = {row.name: row.default for row in table.rows if row.default is not None}
     file = tmp_path / 'defaults.yaml'
     file.write_text(yaml.dump({f'/**/{name}': {'ros__parameters': defaults}}))

@@ -21,7 +21,7 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from denoc_ros.dynamics.robot import load_robot
 from denoc_ros.dynamics.stepper import Stepper
 from denoc_ros.model.plant_description import PlantDescription
-from denoc_ros.nodes.messages import LATCHED
+from denoc_ros.nodes.base.messages import LATCHED
 from denoc_ros.nodes.plant import CATCH_UP, PlantNode
 from denoc_ros.nodes.predictor import PredictorNode
 

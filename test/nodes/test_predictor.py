@@ -22,11 +22,11 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from visualization_msgs.msg import MarkerArray
 
 import denoc_ros as dn
-from denoc_ros.dynamics.deflection import TipDeflections
+from denoc_ros.dynamics.elastic.deflection import TipDeflections
 from denoc_ros.dynamics.rotations import quaternion
 from denoc_ros.errors import ConfigError
 from denoc_ros.nodes.predictor import PredictorNode
-from denoc_ros.runtime.predictor_parameters import TABLE
+from denoc_ros.runtime.parameters.predictor_parameters import TABLE
 from denoc_ros.simulation.simulate import Run
 from denoc_ros.types import Array
 

@@ -23,8 +23,8 @@ from trust import states as states_of
 from trust.stage import stamp
 
 import denoc_ros as dn
+from denoc_ros.identification.tracking.tracked_recording import AdaptSettings
 from denoc_ros.nodes.predictor import PredictorNode
-from denoc_ros.replay.adaptation import AdaptSettings
 
 pytestmark = pytest.mark.ros
 

@@ -20,6 +20,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
 from denoc_ros.dynamics.robot import load_robot
+from denoc_ros.parts import node_main
 
 pytestmark = pytest.mark.ros
 GRAVITY = '[0.0, -9.81, 0.0]'
@@ -33,7 +34,7 @@ def start() -> Iterator[Any]:
     def begin(node: str, *parameters: str) -> subprocess.Popen[str]:
         arguments = [text for each in parameters for text in ('-p', each)]
         process = subprocess.Popen(
-            [sys.executable, '-m', f'denoc_ros.nodes.{node}', '--ros-args', *arguments],
+            [sys.executable, '-m', node_main(node), '--ros-args', *arguments],
             stderr=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,

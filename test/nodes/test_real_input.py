@@ -16,8 +16,8 @@ from sensor_msgs.msg import JointState
 from denoc_ros.bags.joint_state import JOINT_STATE
 from denoc_ros.bags.reader import read_bag
 from denoc_ros.bags.writer import BagWriter
+from denoc_ros.nodes.bag_player import read_motion
 from denoc_ros.nodes.feedforward import FeedforwardNode
-from denoc_ros.nodes.player import read_motion
 
 pytestmark = pytest.mark.ros
 

@@ -15,8 +15,8 @@ import pytest
 from node_robots import GRAVITY, two_links
 
 from denoc_ros.nodes.feedforward import FeedforwardNode
-from denoc_ros.runtime.realtime import make_thread_timely, make_transport_timely, refusals
-from denoc_ros.runtime.status import WARN, realtime_status
+from denoc_ros.runtime.loop.realtime import make_thread_timely, make_transport_timely, refusals
+from denoc_ros.runtime.loop.status import WARN, realtime_status
 
 PR_GET_TIMERSLACK = 30
 PR_SET_NAME = 15
@@ -65,7 +65,7 @@ def test_what_is_off_changes_nothing_and_what_cannot_be_is_refused() -> None:
 
 
 PROBE = """
-from denoc_ros.runtime.realtime import lock_memory, freeze_gc
+from denoc_ros.runtime.loop.realtime import lock_memory, freeze_gc
 print(lock_memory(True)['lock_memory'])
 print(freeze_gc()['garbage'])
 print(open('/proc/self/status').read())
@@ -111,7 +111,7 @@ def test_threads_of_the_transport_get_the_priority_of_the_loop_and_no_others_do(
 
 ALL_THREADS = """
 import os, threading
-from denoc_ros.runtime.realtime import make_process_timely
+from denoc_ros.runtime.loop.realtime import make_process_timely
 stop = threading.Event()
 threading.Thread(target=stop.wait, args=(5.0,)).start()
 said = make_process_timely(5)['thread_priority']

@@ -135,7 +135,7 @@ def test_existing_output_is_one_message_and_status_1(graph: Any, tmp_path: Path)
 
 HANGING = """
 import sys, time
-from denoc_ros.nodes.process import run
+from denoc_ros.nodes.base.process import run
 from denoc_ros.nodes.recorder import Recorder
 
 class Hanging(Recorder):
@@ -148,7 +148,7 @@ sys.exit(run(Hanging, sys.argv, patience=1.5))
 
 LOCKED = """
 import ctypes, sys
-from denoc_ros.nodes.process import run
+from denoc_ros.nodes.base.process import run
 from denoc_ros.nodes.recorder import Recorder
 
 class Locked(Recorder):

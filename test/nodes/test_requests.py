@@ -21,12 +21,12 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 from type_description_interfaces.srv import GetTypeDescription
 
-from denoc_ros.nodes.base import DenocNode
+from denoc_ros.nodes.base.denoc_node import DenocNode
+from denoc_ros.nodes.base.messages import LATCHED
+from denoc_ros.nodes.base.robot_node import ModelNode
 from denoc_ros.nodes.feedforward import FeedforwardNode
-from denoc_ros.nodes.messages import LATCHED
-from denoc_ros.nodes.robot_node import ModelNode
-from denoc_ros.runtime.parameters import ParameterTable
-from denoc_ros.runtime.shared_parameters import AUTOSTART, ROBOT
+from denoc_ros.runtime.parameters.parameter_table import ParameterTable
+from denoc_ros.runtime.parameters.shared_parameters import AUTOSTART, ROBOT
 from denoc_ros.settings import Kind
 from denoc_ros.settings import Parameter as Row
 

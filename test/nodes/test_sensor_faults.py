@@ -20,9 +20,9 @@ from predictor_faults import (
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 
-from denoc_ros.nodes.messages import EVERY_MESSAGE, time_message
+from denoc_ros.nodes.base.messages import EVERY_MESSAGE, time_message
 from denoc_ros.nodes.predictor import PredictorNode
-from denoc_ros.runtime.status import OK, WARN
+from denoc_ros.runtime.loop.status import OK, WARN
 from denoc_ros.types import Array
 
 pytestmark = pytest.mark.ros

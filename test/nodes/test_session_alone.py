@@ -18,7 +18,7 @@ from rosgraph_msgs.msg import Clock
 from std_msgs.msg import String
 
 from denoc_ros.bags.reader import read_bag, read_description
-from denoc_ros.nodes.messages import LATCHED
+from denoc_ros.nodes.base.messages import LATCHED
 from denoc_ros.nodes.session_client import NodeError, SessionClient
 
 pytestmark = pytest.mark.ros

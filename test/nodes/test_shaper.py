@@ -18,11 +18,11 @@ from shaped_runs import cycloid, held_spline, swing_after
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from denoc_ros.control.servo import joint_servo
 from denoc_ros.dynamics.robot import load_robot
-from denoc_ros.nodes.shaper import ShaperNode
-from denoc_ros.runtime.reference import ReferenceFollower
-from denoc_ros.runtime.trajectory_messages import read_trajectory
+from denoc_ros.planning.shaper import ShaperNode
+from denoc_ros.planning.shapers.joint_servo import joint_servo
+from denoc_ros.runtime.inputs.trajectory_messages import read_trajectory
+from denoc_ros.runtime.reference.reference import ReferenceFollower
 from denoc_ros.trajectories import SplineTrajectory
 
 pytestmark = pytest.mark.ros
@@ -232,8 +232,8 @@ def answer(arm: Any, name: str) -> Any:
 def test_planner_that_is_stopped_while_it_loads_keeps_nobody_waiting(
     bench: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr('denoc_ros.nodes.shaper.LOADING_PATIENCE', 0.0)
-    monkeypatch.setattr('denoc_ros.runtime.motion_planning.LOADING', 5.0)
+    monkeypatch.setattr('denoc_ros.planning.shaper.LOADING_PATIENCE', 0.0)
+    monkeypatch.setattr('denoc_ros.planning.motion_planning.LOADING', 5.0)
     arm = bench(method='zv')
     planner = arm.node.planning.planner
 
@@ -249,7 +249,7 @@ def test_planner_that_is_stopped_while_it_loads_keeps_nobody_waiting(
     second = stopped()
     arm.send_motion()  # waits for a planner that has loaded
     arm.graph.until(lambda: arm.node.planning.busy)
-    monkeypatch.setattr('denoc_ros.runtime.motion_planning.LOADING', 60.0)
+    monkeypatch.setattr('denoc_ros.planning.motion_planning.LOADING', 60.0)
     arm.graph.until(lambda: planner.pid not in (None, second))
     arm.graph.until(lambda: arm.out)
     assert gone(second)

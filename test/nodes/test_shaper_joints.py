@@ -11,10 +11,10 @@ from shaped_runs import cycloid, swing_after
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 import denoc_ros as dn
-from denoc_ros.control.driven_joints import all_joints
+from denoc_ros.dynamics.base.reacting_base import held_robot
+from denoc_ros.dynamics.driven.driven_joints import all_joints
 from denoc_ros.dynamics.equilibrium import Equilibrium
-from denoc_ros.dynamics.reacting_base import held_robot
-from denoc_ros.nodes.shaper import ShaperNode
+from denoc_ros.planning.shaper import ShaperNode
 
 pytestmark = pytest.mark.ros
 DRIVEN = ['j1', 'j2', 'left']

@@ -15,11 +15,11 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
+from denoc_ros.nodes.base.messages import time_message
 from denoc_ros.nodes.feedforward import FeedforwardNode
-from denoc_ros.nodes.messages import time_message
 from denoc_ros.nodes.predictor import PredictorNode
-from denoc_ros.nodes.shaper import ShaperNode
-from denoc_ros.nodes.viewer import ViewerNode
+from denoc_ros.planning.shaper import ShaperNode
+from denoc_ros.viewer.viewer import ViewerNode
 
 pytestmark = pytest.mark.ros
 RATE = 200.0
@@ -271,7 +271,7 @@ def test_viewer_draws_by_the_clock(
 def test_clock_that_is_dead_is_told(
     graph: Any, urdf: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr('denoc_ros.runtime.status.SILENT_CLOCK', 1.0)
+    monkeypatch.setattr('denoc_ros.runtime.loop.status.SILENT_CLOCK', 1.0)
     given = {'urdf_path': urdf, 'gravity': GRAVITY, 'update_rate': RATE, 'use_sim_time': True}
     graph.add(FeedforwardNode, parameters=given)
 

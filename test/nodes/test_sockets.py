@@ -9,14 +9,21 @@ from pathlib import Path
 import pytest
 from child_processes import child
 
-from denoc_ros.nodes import middleware
-from denoc_ros.nodes.middleware import LOCALHOST, ONLY, PROFILES, RANGE, TRANSPORTS, use_sockets
+from denoc_ros.nodes.base import middleware
+from denoc_ros.nodes.base.middleware import (
+    LOCALHOST,
+    ONLY,
+    PROFILES,
+    RANGE,
+    TRANSPORTS,
+    use_sockets,
+)
 
 FASTRTPS = 'rmw_fastrtps_cpp'
 # prints whether shared memory of the middleware is mapped, then sends
 SENDER = """
 import rclpy, sys, time
-from denoc_ros.nodes.middleware import use_sockets
+from denoc_ros.nodes.base.middleware import use_sockets
 from std_msgs.msg import String
 use_sockets()
 rclpy.init()

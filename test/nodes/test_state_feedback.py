@@ -22,7 +22,7 @@ from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from denoc_ros.control.planned_states import spacing
+from denoc_ros.feedback.planned_states import spacing
 from denoc_ros.nodes.feedforward import FeedforwardNode
 
 pytestmark = pytest.mark.ros

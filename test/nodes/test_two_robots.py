@@ -20,6 +20,8 @@ from rosbags.highlevel import AnyReader
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
+from denoc_ros.parts import node_main
+
 pytestmark = pytest.mark.ros
 ROOT = Path(__file__).resolve().parents[2]
 ROBOT = ROOT / 'config' / 'robots' / 'one_flexible_link.urdf'
@@ -55,7 +57,7 @@ def processes(tmp_path: Path, bag: Path) -> Iterator[dict[str, subprocess.Popen[
         assert isinstance(node, Node)
         words = node.ros_arguments(context, tmp_path)
         running[node.full_name] = subprocess.Popen(
-            [sys.executable, '-m', f'denoc_ros.nodes.{node.executable}', *words],
+            [sys.executable, '-m', node_main(node.executable), *words],
             env={**os.environ, 'PYTHONUNBUFFERED': '1'},
             stdout=subprocess.DEVNULL,
         )

@@ -45,9 +45,9 @@ phases:
 # whatever the machine holds beside other tests
 COMMAND = """
 import sys
-from denoc_ros.cli import session
+from denoc_ros.cli.session import session
 from denoc_ros.cli.main import main
-from denoc_ros.cli.session_time import Choice
+from denoc_ros.cli.session.session_time import Choice
 session.choose = lambda rehearsal, refusal: Choice('real', rehearsal.rates, 'for a test')
 sys.exit(main(sys.argv[1:]))
 """

@@ -12,7 +12,7 @@ from node_robots import GRAVITY
 from sensor_msgs.msg import JointState
 
 from denoc_ros.dynamics.robot import load_robot
-from denoc_ros.nodes.viewer import ViewerNode
+from denoc_ros.viewer.viewer import ViewerNode
 
 pytestmark = pytest.mark.ros
 

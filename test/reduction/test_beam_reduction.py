@@ -13,12 +13,12 @@ from scipy.integrate import quad_vec
 import denoc_ros as dn
 from denoc_ros.cli.main import main
 from denoc_ros.errors import ModelError
-from denoc_ros.model.findings import Findings
-from denoc_ros.model.flexibility import read_flexibility
-from denoc_ros.model.link_file import ReducedLink
-from denoc_ros.model.source import parse_xml
-from denoc_ros.reduction.beam import BeamSections, beam_body
+from denoc_ros.model.beams.link_file import ReducedLink
+from denoc_ros.model.reading.findings import Findings
+from denoc_ros.model.reading.flexibility import read_flexibility
+from denoc_ros.model.reading.source import parse_xml
 from denoc_ros.reduction.body import Patch
+from denoc_ros.reduction.coupled_beam import BeamSections, beam_body
 from denoc_ros.reduction.craig_bampton import reduce_body
 from denoc_ros.types import Array
 

@@ -20,9 +20,9 @@ from pyyeti.nastran import op4
 from scipy.linalg import eigh
 
 from denoc_ros.errors import ModelError
-from denoc_ros.model.cross_sections import rectangle_torsion_constant
-from denoc_ros.reduction import matrices
-from denoc_ros.reduction.matrices import ansys_matrices, read_matrices
+from denoc_ros.model.beams.cross_sections import rectangle_torsion_constant
+from denoc_ros.reduction.formats import matrices
+from denoc_ros.reduction.formats.matrices import ansys_matrices, read_matrices
 from denoc_ros.types import Array
 
 NASTRAN = Path(pyyeti.__file__).parent / 'tests'

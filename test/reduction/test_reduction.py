@@ -19,14 +19,14 @@ from skfem import MeshTet
 
 from denoc_ros.cli.main import main
 from denoc_ros.errors import SolverError
-from denoc_ros.model.link_file import read
+from denoc_ros.model.beams.link_file import read
 from denoc_ros.reduction import craig_bampton
 from denoc_ros.reduction.body import patches_of
 from denoc_ros.reduction.elements import Elasticity, Solid
+from denoc_ros.reduction.formats.matrices import read_matrices
 from denoc_ros.reduction.link import Reduction, Wishes, reduce_link
-from denoc_ros.reduction.matrices import read_matrices
 from denoc_ros.reduction.mesh import patch_nodes
-from denoc_ros.reduction.reduce import Frames, reduce_solid
+from denoc_ros.reduction.reduce_link import Frames, reduce_solid
 from denoc_ros.types import Array
 
 LENGTH, WIDTH, HEIGHT = 0.4, 0.004, 0.008  # m
@@ -361,7 +361,7 @@ def test_bad_input_is_refused_by_name(
 def test_missing_extra_is_named(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr('denoc_ros.cli.reduce.EXTRA', ('no_such_mesher',))
+    monkeypatch.setattr('denoc_ros.reduction.reduce_verb.EXTRA', ('no_such_mesher',))
     assert main(['reduce', 'box.stl', *TIP, '-o', 'link.npz']) == 1
     assert "no_such_mesher must be installed: pip install 'denoc_ros[reduce]'" in (
         capsys.readouterr().err

@@ -15,8 +15,8 @@ from tracked_runs import TrackedRun, follow, simulated, swinging, with_noise
 
 import denoc_ros as dn
 from denoc_ros.cli.main import main
-from denoc_ros.replay.adaptation import AdaptSettings
-from denoc_ros.replay.settings import ReplaySettings
+from denoc_ros.identification.tracking.tracked_recording import AdaptSettings
+from denoc_ros.simulation.recorded.replay_settings import ReplaySettings
 
 ROBOT = Path(__file__).resolve().parents[2] / 'config' / 'robots' / 'canadarm_gauges.urdf'
 TOOL = 'payload.tool.mass'

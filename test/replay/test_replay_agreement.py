@@ -7,8 +7,8 @@ import itertools
 import numpy as np
 import pytest
 
-from denoc_ros.replay.agreement import BINS, Comparison, Shares, Traces
-from denoc_ros.replay.friction import FrictionFitter
+from denoc_ros.simulation.recorded.agreement import BINS, Comparison, Shares, Traces
+from denoc_ros.simulation.recorded.residual_friction import FrictionFitter
 from denoc_ros.types import Array
 
 PERIOD = 0.008

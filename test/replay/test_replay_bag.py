@@ -22,11 +22,11 @@ from denoc_ros.dynamics.robot import load_robot
 from denoc_ros.errors import BagError, ConfigError
 from denoc_ros.estimation.joint_motion import METHODS, SmoothedMotion
 from denoc_ros.estimation.torque_along import TorqueReplay
-from denoc_ros.replay import stream as stream_module
-from denoc_ros.replay.bag import replay_bag
-from denoc_ros.replay.settings import ReplaySettings, plan_replay
-from denoc_ros.replay.stream import Block, JointStream, Source
-from denoc_ros.replay.summary import summarize
+from denoc_ros.simulation.recorded import recorded_stream as stream_module
+from denoc_ros.simulation.recorded.recorded_stream import Block, JointStream, Source
+from denoc_ros.simulation.recorded.replay_bag import replay_bag
+from denoc_ros.simulation.recorded.replay_settings import ReplaySettings, plan_replay
+from denoc_ros.simulation.recorded.replay_summary import summarize
 from denoc_ros.types import Array
 
 ROW_FIELDS = ('stamp_ns', 'log_ns', 'effort', 'starts')

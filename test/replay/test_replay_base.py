@@ -20,9 +20,9 @@ from denoc_ros.bags.series import (
 from denoc_ros.bags.writer import BagWriter
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.errors import BagError, StateError
-from denoc_ros.replay.settings import ReplaySettings
-from denoc_ros.simulation.bag import write_run
+from denoc_ros.simulation.recorded.replay_settings import ReplaySettings
 from denoc_ros.simulation.simulate import Run
+from denoc_ros.simulation.simulated_bag import write_run
 
 STEP = 5e-3
 GRAVITY = (0.0, 0.0, -9.81)  # all falls: it does not matter

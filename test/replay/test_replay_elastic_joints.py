@@ -12,9 +12,9 @@ from simulated_bags import PERIOD, swing
 import denoc_ros as dn
 from denoc_ros.bags.reader import read_raw
 from denoc_ros.bags.series import JointStateColumns, read_joint_states
-from denoc_ros.dynamics.measured_side import MeasuredStates
-from denoc_ros.simulation.bag import write_run
+from denoc_ros.dynamics.driven.measured_side import MeasuredStates
 from denoc_ros.simulation.simulate import Run
+from denoc_ros.simulation.simulated_bag import write_run
 
 
 def moved(robot: dn.Robot) -> Run:

@@ -10,8 +10,8 @@ from simulated_bags import SimulatedBag, make_mechanism_bag
 
 from denoc_ros.dynamics.robot import load_robot
 from denoc_ros.errors import BagError, ModelError, StateError
-from denoc_ros.replay.bag import replay_bag
-from denoc_ros.replay.settings import ReplaySettings
+from denoc_ros.simulation.recorded.replay_bag import replay_bag
+from denoc_ros.simulation.recorded.replay_settings import ReplaySettings
 
 
 def test_a_mechanism_follows_its_driven_joints(repository: Path, tmp_path: Path) -> None:

@@ -16,10 +16,10 @@ from planar_chains import FLEXIBLE, RIGID, planar_chain
 import denoc_ros as dn
 from denoc_ros.bags.reader import DESCRIPTION_ATTACHMENT
 from denoc_ros.bags.writer import BagWriter
-from denoc_ros.cli.session_file import SessionFile
+from denoc_ros.cli.session.session_file import SessionFile
 from denoc_ros.reports.headline import summary_lines
-from denoc_ros.simulation.bag import write_run
 from denoc_ros.simulation.simulate import Run
+from denoc_ros.simulation.simulated_bag import write_run
 
 DOWN = (0.0, -9.81, 0.0)
 
@@ -114,7 +114,7 @@ def test_the_pace_of_simulated_phases_is_said(
 @pytest.mark.long
 def test_reports_need_no_command_line(tmp_path: Path) -> None:
     script = (
-        'import sys; import denoc_ros.reports.run; '
+        'import sys; import denoc_ros.reports.run_page; '
         'found = [name for name in sys.modules if name.startswith("denoc_ros.cli")]; '
         'assert not found, found'
     )

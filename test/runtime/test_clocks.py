@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from denoc_ros.runtime.clocks import FARTHEST, SimulatedClock, SourceClock, SteadyClock
-from denoc_ros.runtime.timing import RealtimeLoop
+from denoc_ros.runtime.loop.clocks import FARTHEST, SimulatedClock, SourceClock, SteadyClock
+from denoc_ros.runtime.loop.realtime_loop import RealtimeLoop
 
 SECOND = 1_000_000_000
 NOW = 1_795_461_265 * SECOND + 123_456_789  # a system's clock

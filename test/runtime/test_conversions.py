@@ -20,7 +20,7 @@ from denoc_ros.bags.joint_state import JointStateMessage
 from denoc_ros.bags.sensor_messages import JointStateValues
 from denoc_ros.dynamics.robot import load_robot
 from denoc_ros.model import tree as sensor_types
-from denoc_ros.nodes.messages import (
+from denoc_ros.nodes.base.messages import (
     CommandMessage,
     FloatMessage,
     InertialMessage,
@@ -28,9 +28,9 @@ from denoc_ros.nodes.messages import (
     TrajectoryPointMessage,
 )
 from denoc_ros.nodes.sensor_inputs import Member, reader_of
-from denoc_ros.runtime.conversions import CommandReader, JointStateReader, MessageReader
-from denoc_ros.runtime.input_monitor import InputError
-from denoc_ros.runtime.trajectory_messages import has_many_points, read_trajectory
+from denoc_ros.runtime.inputs.conversions import CommandReader, JointStateReader, MessageReader
+from denoc_ros.runtime.inputs.input_monitor import InputError
+from denoc_ros.runtime.inputs.trajectory_messages import has_many_points, read_trajectory
 
 pytestmark = pytest.mark.ros
 

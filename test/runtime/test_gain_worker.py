@@ -17,13 +17,13 @@ import numpy as np
 import pytest
 
 import denoc_ros as dn
-from denoc_ros.control.feedback_design import PostureGains
-from denoc_ros.control.feedback_settings import FeedbackSettings
-from denoc_ros.control.gain_jobs import read_schedule
-from denoc_ros.control.jobs import read_message, write_message
-from denoc_ros.control.planner_process import serve
-from denoc_ros.control.state_feedback import StateFeedback
-from denoc_ros.runtime.gain_worker import KEPT, FeedbackModel, GainWorker, WantedGains
+from denoc_ros.feedback.feedback_design import PostureGains
+from denoc_ros.feedback.feedback_settings import FeedbackSettings
+from denoc_ros.feedback.gain_jobs import read_schedule
+from denoc_ros.feedback.gain_worker import KEPT, FeedbackModel, GainWorker, WantedGains
+from denoc_ros.feedback.state_feedback import StateFeedback
+from denoc_ros.planning.planner_process import serve
+from denoc_ros.runtime.worker.worker_messages import read_message, write_message
 from denoc_ros.trajectories import SplineTrajectory
 
 pytestmark = pytest.mark.ros  # as it waits for processes
@@ -162,7 +162,7 @@ def test_a_loop_takes_no_gains_before_they_are_whole(
         time.sleep(0.05)
         return StateFeedback(*given)
 
-    monkeypatch.setattr('denoc_ros.runtime.gain_worker.StateFeedback', slowly)
+    monkeypatch.setattr('denoc_ros.feedback.gain_worker.StateFeedback', slowly)
     taken, ended = [], threading.Event()
 
     def loop() -> None:

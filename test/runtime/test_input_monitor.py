@@ -6,7 +6,7 @@ from contextlib import suppress
 
 import pytest
 
-from denoc_ros.runtime.input_monitor import InputError, InputMonitor
+from denoc_ros.runtime.inputs.input_monitor import InputError, InputMonitor
 
 PERIOD_NS = 10_000_000
 START_NS = 10**18

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from denoc_ros.estimation.turns import nearest_turns, unwrap_path
-from denoc_ros.runtime.input_monitor import InputError, InputMonitor
-from denoc_ros.runtime.joint_gate import CONFIRMATION_S, JointGate, JointSample
-from denoc_ros.runtime.velocity_check import VelocityCheck
+from denoc_ros.runtime.inputs.input_monitor import InputError, InputMonitor
+from denoc_ros.runtime.inputs.joint_gate import CONFIRMATION_S, JointGate, JointSample
+from denoc_ros.runtime.inputs.velocity_check import VelocityCheck
 from denoc_ros.types import Array
 
 STEP = 0.004  # s

@@ -17,8 +17,8 @@ from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 
 from denoc_ros.dynamics.robot import Robot, load_robot
-from denoc_ros.runtime.input_monitor import InputError
-from denoc_ros.runtime.live_snapshots import FARTHEST, LiveSnapshots, LiveState
+from denoc_ros.runtime.inputs.input_monitor import InputError
+from denoc_ros.viewer.live_snapshots import FARTHEST, LiveSnapshots, LiveState
 
 pytestmark = pytest.mark.ros
 STATES = ('predictor/modal_state', 'plant/true_modal_state', 'joint_states')

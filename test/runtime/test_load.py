@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from denoc_ros.runtime import timing as module
-from denoc_ros.runtime.realtime import schedule_thread
-from denoc_ros.runtime.timing import (
+from denoc_ros.runtime.loop import realtime_loop as module
+from denoc_ros.runtime.loop.realtime import schedule_thread
+from denoc_ros.runtime.loop.realtime_loop import (
     FIRST_REST,
     HOLDS,
     LONGEST_REST,

@@ -15,11 +15,11 @@ from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from denoc_ros.model.tree import Limits
-from denoc_ros.runtime.conversions import CommandReader, JointStateReader
-from denoc_ros.runtime.input_monitor import InputError
-from denoc_ros.runtime.motion_bounds import MotionBounds
-from denoc_ros.runtime.reference import FiniteDifferencer
-from denoc_ros.runtime.trajectory_messages import has_many_points, read_trajectory
+from denoc_ros.runtime.inputs.conversions import CommandReader, JointStateReader
+from denoc_ros.runtime.inputs.input_monitor import InputError
+from denoc_ros.runtime.inputs.trajectory_messages import has_many_points, read_trajectory
+from denoc_ros.runtime.reference.reference import FiniteDifferencer
+from denoc_ros.runtime.safety.motion_bounds import MotionBounds
 
 pytestmark = pytest.mark.ros
 JOINTS = ['a', 'b', 'c']

@@ -4,19 +4,19 @@ from __future__ import annotations
 
 import inspect
 import math
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import pytest
 import yaml
 
-from denoc_ros.control.feedback_settings import FeedbackSettings
 from denoc_ros.errors import ConfigError
 from denoc_ros.estimation.fusion import FusionSettings
 from denoc_ros.estimation.observer_settings import ObserverSettings
-from denoc_ros.estimation.tracker_settings import TrackerSettings
-from denoc_ros.runtime.parameters import ParameterTable
+from denoc_ros.feedback.feedback_settings import FeedbackSettings
+from denoc_ros.identification.tracking.tracker_settings import TrackerSettings
+from denoc_ros.parts import parameter_table
+from denoc_ros.runtime.parameters.parameter_table import ParameterTable
 from denoc_ros.settings import Kind, Parameter, declared
 
 TABLE = ParameterTable(
@@ -115,7 +115,7 @@ NODES = ('feedforward', 'plant', 'predictor', 'recorder', 'shaper', 'viewer')
 @pytest.mark.ros
 @pytest.mark.parametrize('node', NODES)
 def test_every_default_is_one_the_row_accepts(node: str) -> None:
-    table = import_module(f'denoc_ros.runtime.{node}_parameters').TABLE
+    table = parameter_table(node)
     names = [row.name for row in table.rows]
     assert len(set(names)) == len(names)
     for row in table.rows:
@@ -128,7 +128,7 @@ def test_every_default_is_one_the_row_accepts(node: str) -> None:
 def test_the_parameter_file_of_a_node_is_one_it_takes(node: str, repository: Path) -> None:
     text = (repository / 'config' / f'{node}.yaml').read_text()
     parameters = flatten(yaml.safe_load(text)[f'/**/{node}']['ros__parameters'])
-    table = import_module(f'denoc_ros.runtime.{node}_parameters').TABLE
+    table = parameter_table(node)
     settings = table.settings(parameters, node)
     assert all(settings[name] == parameters[name] for name in parameters)
 

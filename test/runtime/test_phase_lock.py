@@ -6,7 +6,7 @@ import time
 
 import pytest
 
-from denoc_ros.runtime.timing import SLEW, PhaseLock, RealtimeLoop
+from denoc_ros.runtime.loop.realtime_loop import SLEW, PhaseLock, RealtimeLoop
 
 PERIOD = 1e-3
 

@@ -15,12 +15,12 @@ import numpy as np
 import pytest
 from child_processes import child, gone
 
-from denoc_ros.control import planner_process
-from denoc_ros.control.gain_jobs import KNOTS
-from denoc_ros.control.jobs import LONGEST_HEADER, read_message, write_message
-from denoc_ros.control.planner_process import Planning, serve
 from denoc_ros.errors import StateError
-from denoc_ros.runtime.planner import Answer, Planner
+from denoc_ros.feedback.gain_jobs import KNOTS
+from denoc_ros.planning import planner_process
+from denoc_ros.planning.planner_process import Planning, serve
+from denoc_ros.runtime.worker.worker import Answer, Planner
+from denoc_ros.runtime.worker.worker_messages import LONGEST_HEADER, read_message, write_message
 from denoc_ros.trajectories import SplineTrajectory
 
 pytestmark = pytest.mark.ros
@@ -42,7 +42,7 @@ SHAPE = {
 }
 PARENT = """
 import sys, time
-from denoc_ros.runtime.planner import Planner
+from denoc_ros.runtime.worker.worker import Planner
 planner = Planner()
 planner.start()
 while planner.pid is None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from denoc_ros.runtime.rate_limiter import SLOWEST, RateLimiter
+from denoc_ros.runtime.loop.rate_limiter import SLOWEST, RateLimiter
 
 
 def rounds(pace: RateLimiter, cost: float, count: int, busy: float = 0.0) -> list[float]:

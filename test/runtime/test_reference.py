@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from denoc_ros.runtime.input_monitor import InputError
-from denoc_ros.runtime.joint_gate import JointGate
-from denoc_ros.runtime.reference import FiniteDifferencer, ReferenceFollower
-from denoc_ros.runtime.trajectory_messages import TrajectoryMessage
+from denoc_ros.runtime.inputs.input_monitor import InputError
+from denoc_ros.runtime.inputs.joint_gate import JointGate
+from denoc_ros.runtime.inputs.trajectory_messages import TrajectoryMessage
+from denoc_ros.runtime.reference.reference import FiniteDifferencer, ReferenceFollower
 from denoc_ros.types import Array
 
 NOW_NS = 1_000_000_000_000

@@ -9,10 +9,10 @@ import pytest
 from gauge_runs import load
 from segmented_robots import strip
 
+from denoc_ros.dynamics.elastic.state_bounds import StateBounds
 from denoc_ros.dynamics.robot import Robot
-from denoc_ros.dynamics.state_bounds import StateBounds
-from denoc_ros.runtime.restarts import SETTLED_SHARE, Restarts
-from denoc_ros.runtime.status import ERROR, OK, WARN, Status
+from denoc_ros.runtime.loop.status import ERROR, OK, WARN, Status
+from denoc_ros.runtime.safety.restarts import SETTLED_SHARE, Restarts
 
 CAUSE = 'a gap in joint_states'
 

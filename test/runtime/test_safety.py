@@ -11,10 +11,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from denoc_ros.errors import SolverError
-from denoc_ros.runtime.conversions import LARGEST_EFFORT
-from denoc_ros.runtime.input_monitor import InputError, InputMonitor
-from denoc_ros.runtime.rate_limiter import Backoff
-from denoc_ros.runtime.torque import CarryingTorque, SafeCommand, TorqueLimiter, effort_limits
+from denoc_ros.runtime.inputs.conversions import LARGEST_EFFORT
+from denoc_ros.runtime.inputs.input_monitor import InputError, InputMonitor
+from denoc_ros.runtime.loop.rate_limiter import Backoff
+from denoc_ros.runtime.safety.torque import (
+    CarryingTorque,
+    SafeCommand,
+    TorqueLimiter,
+    effort_limits,
+)
 
 ANY_FLOAT = st.floats(allow_nan=True, allow_infinity=True, width=64)
 

@@ -7,9 +7,9 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from denoc_ros.control.ringing import RingingModes
-from denoc_ros.control.servo import JointServo, joint_servo
-from denoc_ros.runtime.shaped_stream import ShapedStream
+from denoc_ros.planning.shapers.joint_servo import JointServo, joint_servo
+from denoc_ros.planning.shapers.ringing import RingingModes
+from denoc_ros.planning.shapers.shaped_stream import ShapedStream
 from denoc_ros.types import Array
 
 pytestmark = pytest.mark.ros

@@ -6,7 +6,7 @@ import signal
 
 import pytest
 
-from denoc_ros.runtime.ending import EndSignals, Interrupted
+from denoc_ros.runtime.loop.ending import EndSignals, Interrupted
 
 
 def test_a_signal_just_before_a_long_block_interrupts_it() -> None:

@@ -9,7 +9,7 @@ from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 
 from denoc_ros.bags.joint_state import JointStateMessage
-from denoc_ros.runtime.clocks import StampOf, SteadyClock
+from denoc_ros.runtime.loop.clocks import StampOf, SteadyClock
 
 
 def test_moment_gets_the_stamp_that_the_clock_showed_then() -> None:

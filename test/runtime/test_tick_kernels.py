@@ -14,18 +14,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from denoc_ros.bags.joint_state import FIELDS, JointStateMessage
-from denoc_ros.dynamics.deflection import TipDeflections
+from denoc_ros.dynamics.elastic.deflection import TipDeflections
 from denoc_ros.dynamics.robot import load_robot
 from denoc_ros.errors import StateError
-from denoc_ros.estimation.tracking import TrackingFilter
-from denoc_ros.kernels.joint_tracking import MEMORY
-from denoc_ros.kernels.torque_limits import saturate
+from denoc_ros.estimation.joint_tracker import TrackingFilter
+from denoc_ros.kernels.runtime.joint_tracking import MEMORY
+from denoc_ros.kernels.runtime.torque_limits import saturate
 from denoc_ros.model.tree import Limits
-from denoc_ros.runtime.conversions import LARGEST_EFFORT, JointStateReader
-from denoc_ros.runtime.input_monitor import InputError
-from denoc_ros.runtime.message_numbers import MessageFiller
-from denoc_ros.runtime.motion_bounds import MotionBounds
-from denoc_ros.runtime.torque import TorqueLimiter
+from denoc_ros.runtime.inputs.conversions import LARGEST_EFFORT, JointStateReader
+from denoc_ros.runtime.inputs.input_monitor import InputError
+from denoc_ros.runtime.inputs.message_numbers import MessageFiller
+from denoc_ros.runtime.safety.motion_bounds import MotionBounds
+from denoc_ros.runtime.safety.torque import TorqueLimiter
 from denoc_ros.trajectories import SplineTrajectory
 from denoc_ros.types import Array
 
@@ -108,7 +108,8 @@ def test_what_a_first_message_needs_is_loaded_before_it(
 ) -> None:
     source = f"""
 from denoc_ros.kernels.{module} import {kernel}
-from denoc_ros.runtime import conversions, reference
+from denoc_ros.runtime.inputs import conversions
+from denoc_ros.runtime.reference.reference import reference
 assert not {kernel}.overloads
 {taker}
 assert {kernel}.overloads

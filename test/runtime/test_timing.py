@@ -12,8 +12,8 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 import pytest
 
-from denoc_ros.runtime.clocks import SteadyClock
-from denoc_ros.runtime.timing import HISTOGRAM_EDGES, RealtimeLoop
+from denoc_ros.runtime.loop.clocks import SteadyClock
+from denoc_ros.runtime.loop.realtime_loop import HISTOGRAM_EDGES, RealtimeLoop
 
 RATE = 200.0  # Hz
 PERIOD = 1.0 / RATE

@@ -13,8 +13,8 @@ from child_processes import child
 # an executor that turns, or hangs, for a while
 CODE = """
 import sys, threading, time
-from denoc_ros.kernels import compiling
-from denoc_ros.runtime.ending import Watchdog
+from denoc_ros.kernels.jit import compiling
+from denoc_ros.runtime.loop.ending import Watchdog
 
 watchdog = Watchdog(1.0, compiling.at_work)
 watchdog.begin('node', lambda: print('saved', flush=True))

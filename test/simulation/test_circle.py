@@ -11,9 +11,9 @@ from mechanism_runs import loaded
 from mechanisms import START
 
 import denoc_ros as dn
-from denoc_ros.cli.config import read_yaml
+from denoc_ros.cli.session.session_config import read_yaml
 from denoc_ros.errors import ConfigError
-from denoc_ros.simulation.reference import Circle, follow
+from denoc_ros.simulation.reference_motion import Circle, follow
 from denoc_ros.simulation.scenario import scenario_from_config
 
 CIRCLE = Circle('tool', np.array([0.25, 0.1443, 0.0]), 0.06, 1.0)

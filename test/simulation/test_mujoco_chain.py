@@ -15,10 +15,10 @@ from segmented_robots import rod, spatial_text
 from denoc_ros.cli.postures import posture
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.errors import ConfigError, ModelError, SolverError
-from denoc_ros.model.mjcf import mjcf
+from denoc_ros.export.mjcf import mjcf
+from denoc_ros.export.mujoco_chain import ChainComparison, MujocoChain, compare
+from denoc_ros.model.beams.segments import whole_beams
 from denoc_ros.model.overrides import with_overrides
-from denoc_ros.model.segments import whole_beams
-from denoc_ros.simulation.mujoco_chain import ChainComparison, MujocoChain, compare
 
 ROBOTS = Path(__file__).resolve().parents[2] / 'config' / 'robots'
 # wrists of the book with inertia about one axis alone

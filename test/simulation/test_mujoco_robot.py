@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from segmented_robots import rod
 
-from denoc_ros.dynamics.driven_motion import driven_motion
+from denoc_ros.dynamics.driven.driven_motion import driven_motion
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.errors import ConfigError, ModelError, StateError
+from denoc_ros.export.mujoco_robot import MujocoRobot, MujocoSettings
+from denoc_ros.model.beams.segments import whole_beams
 from denoc_ros.model.overrides import with_overrides
-from denoc_ros.model.segments import whole_beams
-from denoc_ros.simulation.mujoco_robot import MujocoRobot, MujocoSettings
 from denoc_ros.simulation.simulated_robot import Drives, ModalRobot
 from denoc_ros.types import Array
 

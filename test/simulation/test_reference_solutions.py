@@ -22,7 +22,7 @@ from planar_chains import (
 )
 
 import denoc_ros as dn
-from denoc_ros.dynamics.deflection import TipDeflections
+from denoc_ros.dynamics.elastic.deflection import TipDeflections
 from denoc_ros.simulation.simulate import Run
 from denoc_ros.types import Array
 

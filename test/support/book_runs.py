@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from denoc_ros.cli.config import read_yaml
+from denoc_ros.cli.session.session_config import read_yaml
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.simulation.scenario import Scenario, model_settings, scenario_from_config
 from denoc_ros.simulation.simulate import Run

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from denoc_ros.dynamics.robot_model import Workspace
-from denoc_ros.kernels import handle
+from denoc_ros.kernels.jit import handle
 from denoc_ros.model.arrays import ModelArrays
 from denoc_ros.types import Array
 

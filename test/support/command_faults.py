@@ -41,10 +41,10 @@ from predictor_faults import (
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from denoc_ros.bags.cdr import stamp_bytes
+from denoc_ros.nodes.base.messages import CommandMessage, template
 from denoc_ros.nodes.feedforward import FeedforwardNode
-from denoc_ros.nodes.messages import CommandMessage, template
 from denoc_ros.nodes.plant import PlantNode
-from denoc_ros.nodes.shaper import ShaperNode
+from denoc_ros.planning.shaper import ShaperNode
 from denoc_ros.types import Array
 
 REFERENCE, COMMANDS = 'reference', 'commands'

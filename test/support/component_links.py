@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from denoc_ros.model.beam_arrays import beam_points, foreshortening
-from denoc_ros.model.link_file import LinkFrame, ReducedLink, StrainPoint
+from denoc_ros.model.beams.beam_arrays import beam_points, foreshortening
+from denoc_ros.model.beams.link_file import LinkFrame, ReducedLink, StrainPoint
 from denoc_ros.model.tree import Beam
 from denoc_ros.types import Array
 

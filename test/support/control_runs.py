@@ -9,7 +9,7 @@ import numpy as np
 from scipy.interpolate import make_interp_spline
 
 import denoc_ros as dn
-from denoc_ros.control.plan import Plan
+from denoc_ros.dynamics.driven.motion_plan import Plan
 from denoc_ros.simulation.simulate import Run
 from denoc_ros.types import Array
 

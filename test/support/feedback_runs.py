@@ -13,17 +13,17 @@ import numpy as np
 from data_files import CLAMPED_FREE_CANADARM
 
 import denoc_ros as dn
-from denoc_ros.control.feedback_settings import FeedbackSettings
-from denoc_ros.control.gain_jobs import GainJob
-from denoc_ros.control.gain_schedule import GainSchedule
-from denoc_ros.control.read_values import numbered_values
-from denoc_ros.control.residual_modes import is_hardened
-from denoc_ros.control.state_feedback import StateFeedback
-from denoc_ros.dynamics.feedforward import TorqueFeedforward
-from denoc_ros.dynamics.measured_side import MeasuredStates, measured_robot
+from denoc_ros.dynamics.driven.measured_side import MeasuredStates, measured_robot
+from denoc_ros.dynamics.driven.torque_feedforward import TorqueFeedforward
 from denoc_ros.dynamics.robot import Robot
+from denoc_ros.export.mujoco_robot import MujocoRobot, MujocoSettings
+from denoc_ros.feedback.feedback_settings import FeedbackSettings
+from denoc_ros.feedback.gain_jobs import GainJob
+from denoc_ros.feedback.gain_schedule import GainSchedule
+from denoc_ros.feedback.read_values import numbered_values
+from denoc_ros.feedback.residual_modes import is_hardened
+from denoc_ros.feedback.state_feedback import StateFeedback
 from denoc_ros.model.overrides import edited_description
-from denoc_ros.simulation.mujoco_robot import MujocoRobot, MujocoSettings
 from denoc_ros.simulation.simulated_robot import Drives, ModalRobot, SimulatedRobot
 from denoc_ros.trajectories import CycloidalTrajectory, SplineTrajectory
 from denoc_ros.types import Array

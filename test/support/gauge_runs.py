@@ -12,7 +12,7 @@ from data_files import CLAMPED_FREE_CANADARM
 from numpy.typing import NDArray
 
 import denoc_ros as dn
-from denoc_ros.dynamics.deflection import TipDeflections
+from denoc_ros.dynamics.elastic.deflection import TipDeflections
 from denoc_ros.estimation.fusion import FusionSettings
 from denoc_ros.estimation.observer import Observer
 from denoc_ros.estimation.observer_settings import ObserverSettings

@@ -14,8 +14,9 @@ from rclpy.parameter import Parameter
 
 from denoc_ros.bags.cdr import CdrReader
 from denoc_ros.bags.joint_state import FIELDS, JointStateLayout, JointStateMessage
-from denoc_ros.runtime.clocks import Clock
-from denoc_ros.runtime.status import OK, Status, input_status
+from denoc_ros.parts import node_main
+from denoc_ros.runtime.loop.clocks import Clock
+from denoc_ros.runtime.loop.status import OK, Status, input_status
 from denoc_ros.types import Array
 
 START_NS = 1_000_000_000_000  # stamp of time 0
@@ -114,7 +115,7 @@ class HandFedNode:
         }
         changed = []
         for name in MODULES:
-            module = importlib.import_module(f'denoc_ros.nodes.{name}')
+            module = importlib.import_module(node_main(name))
             for function in replaced.keys() & vars(module).keys():
                 changed.append((module, function, getattr(module, function)))
                 setattr(module, function, replaced[function])

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from denoc_ros.identification.records import Record
+from denoc_ros.identification.decay.records import Record
 from denoc_ros.types import Array
 
 

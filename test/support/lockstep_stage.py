@@ -11,8 +11,9 @@ from pathlib import Path
 from typing import Any
 
 from denoc_ros.bags.reader import read_raw
-from denoc_ros.cli.processes import Processes
+from denoc_ros.cli.session.processes import Processes
 from denoc_ros.nodes.session_client import SessionClient, reference_message
+from denoc_ros.parts import node_main
 from denoc_ros.trajectories import Trajectory
 
 PATIENCE = 120.0  # s of wall time for what takes a second on a machine that does nothing else
@@ -67,7 +68,7 @@ class LockstepStage:
                 given.setdefault('urdf_path', urdf)
             file = folder / f'{name}.yaml'
             file.write_text(json.dumps({name: {'ros__parameters': given}}))
-            words = ['-m', f'denoc_ros.nodes.{name}', '--ros-args', '--params-file', str(file)]
+            words = ['-m', node_main(name), '--ros-args', '--params-file', str(file)]
             for topic, other in (remapped or {}).get(name, {}).items():
                 words += ['-r', f'{topic}:={other}']
             self.processes.start(name, words)

@@ -8,10 +8,10 @@ import numpy as np
 from identification_runs import sweeping
 from scipy.interpolate import CubicSpline
 
-from denoc_ros.dynamics.driven_motion import driven_motion
+from denoc_ros.dynamics.driven.driven_motion import driven_motion
 from denoc_ros.dynamics.robot import Robot
+from denoc_ros.export.mujoco_robot import MujocoRobot, MujocoSettings
 from denoc_ros.identification.model.sources import Recording
-from denoc_ros.simulation.mujoco_robot import MujocoRobot, MujocoSettings
 from denoc_ros.simulation.simulated_robot import Drives
 from denoc_ros.types import Array
 

@@ -28,8 +28,8 @@ from gauge_runs import PAYLOAD, ROBOTS, STEP, load, recorded, softer
 from hand_fed import HandFedNode, JointStateView, joint_state_bytes
 
 from denoc_ros.nodes.predictor import PredictorNode
-from denoc_ros.runtime.restarts import Restarts
-from denoc_ros.runtime.status import OK
+from denoc_ros.runtime.loop.status import OK
+from denoc_ros.runtime.safety.restarts import Restarts
 from denoc_ros.trajectories import CycloidalTrajectory
 from denoc_ros.types import Array
 

@@ -17,7 +17,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 from denoc_ros.dynamics.robot import Robot, load_robot
-from denoc_ros.model.shapes import SHAPES
+from denoc_ros.model.beams.shapes import SHAPES
 from denoc_ros.types import Array
 
 LENGTH, EI, DENSITY = 2.0, 350.0, 1.7

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from denoc_ros.dynamics.robot import Robot, load_robot
-from denoc_ros.simulation.bag import write_run
 from denoc_ros.simulation.simulate import Run, simulate
+from denoc_ros.simulation.simulated_bag import write_run
 
 GRAVITY = (0.0, -9.81, 0.0)
 PERIOD = 0.004

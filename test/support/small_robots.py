@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from denoc_ros.model.reading.urdf import load_tree
 from denoc_ros.model.tree import Tree
-from denoc_ros.model.urdf import load_tree
 
 # One of everything.
 ARM = """<?xml version="1.0"?>

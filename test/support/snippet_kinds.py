@@ -17,11 +17,12 @@ from launch_files import arguments as launch_arguments
 from launch_stand_in import flat
 from pages import Snippet
 
-from denoc_ros.cli.config import NODES, find_file, load_config
 from denoc_ros.cli.main import build_parser, main
-from denoc_ros.cli.simulate import prepare
-from denoc_ros.control.mode_table import read_mode_table
-from denoc_ros.model.urdf import load_tree
+from denoc_ros.cli.session.session_config import NODES, find_file, load_config
+from denoc_ros.cli.simulate_verb import prepare
+from denoc_ros.model.mode_table import read_mode_table
+from denoc_ros.model.reading.urdf import load_tree
+from denoc_ros.parts import parameter_table
 from denoc_ros.simulation.scenario import KEYS as SCENARIO_KEYS
 from denoc_ros.studies.dh_system import load_system
 from denoc_ros.yaml_text import load_yaml
@@ -149,7 +150,7 @@ def check_ros_arguments(node: str, words: list[str]) -> None:
 
 def check_parameters(node: str, values: Any) -> None:
     """The node's table has them and takes their values."""
-    table = import_module(f'denoc_ros.runtime.{node}_parameters').TABLE
+    table = parameter_table(node)
     if isinstance(values, dict):
         table.settings(values, node)
     for name in values:
@@ -208,7 +209,7 @@ def check_yaml(snippet: Snippet, folder: Path) -> None:
 
 def check_session(file: str | Path, settings: Sequence[str] = ()) -> None:
     """A file of `denoc up`, and every parameter in it."""
-    from denoc_ros.cli.node_parameters import check_parameters as check_all
+    from denoc_ros.cli.session.node_parameters import check_parameters as check_all
 
     config = load_config(file, settings)
     check_all(config, [name for name in NODES if name not in config.without])

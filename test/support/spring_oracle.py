@@ -14,7 +14,7 @@ import numpy as np
 from oracles import SLIDE_SPEED, Oracle
 from strategies import Seeded, robot_text
 
-from denoc_ros.model.urdf import load_tree
+from denoc_ros.model.reading.urdf import load_tree
 from denoc_ros.types import Array
 
 GRAVITY = (0.7, -1.3, -9.6)

@@ -28,7 +28,7 @@ from strange_records import (
     two_modes,
 )
 
-from denoc_ros.identification.channel import Channel
+from denoc_ros.identification.decay.channel import Channel
 from denoc_ros.types import Array
 
 BEGIN = datetime(2024, 3, 1, 9, 59, 59, 900_000)

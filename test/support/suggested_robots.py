@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
-from denoc_ros.model.poses import number_text, rpy_of
-from denoc_ros.model.suggest.materials import MATERIALS
+from denoc_ros.model.reading.poses import number_text, rpy_of
+from denoc_ros.reduction.suggest.materials import MATERIALS
 from denoc_ros.types import Array
 
 ALUMINIUM = MATERIALS['aluminium']

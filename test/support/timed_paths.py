@@ -14,7 +14,7 @@ from scipy.interpolate import CubicSpline
 from toppra import algorithm, constraint
 
 import denoc_ros as dn
-from denoc_ros.model.friction import SLIP_RATE
+from denoc_ros.model.joint_friction import SLIP_RATE
 from denoc_ros.types import Array
 
 PLACES = np.linspace(0.0, 1.0, 5)  # of the points of a path

@@ -9,7 +9,7 @@ import numpy as np
 
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.stepper import Stepper
-from denoc_ros.estimation.parameter_tracker import ParameterTracker
+from denoc_ros.identification.tracking.parameter_tracker import ParameterTracker
 from denoc_ros.types import Array
 
 INSIDE = 4  # steps of the truth between samples

@@ -9,8 +9,8 @@ import numpy as np
 from truth_robots import TruthCase
 from truth_runs import RELATIVE, TruthRun
 
-from denoc_ros.identification.model.fit import IdentifiedModel, free_parameters
 from denoc_ros.identification.model.free_parameters import FreeParameters
+from denoc_ros.identification.model.model_fit import IdentifiedModel, free_parameters
 from denoc_ros.identification.model.prediction import PreparedRun
 from denoc_ros.identification.model.search import ModelSearch
 from denoc_ros.types import Array

@@ -18,8 +18,8 @@ from websockets.sync.client import connect
 from websockets.typing import Origin, Subprotocol
 
 import denoc_ros as dn
+from denoc_ros.simulation.recorded.snapshot import Snapshot
 from denoc_ros.viewer.page import Page, is_welcome
-from denoc_ros.viewer.snapshot import Snapshot
 
 
 @pytest.fixture

@@ -11,6 +11,7 @@ import pytest
 
 import denoc_ros as dn
 from denoc_ros.dynamics.robot import Robot
+from denoc_ros.simulation.recorded.snapshot import Snapshot
 from denoc_ros.types import Array
 from denoc_ros.units import round_up
 from denoc_ros.viewer.bending import exaggerated, strain_colours
@@ -18,7 +19,6 @@ from denoc_ros.viewer.charts import WINDOW, Charts, grouped
 from denoc_ros.viewer.folders import MOST_SAG, SWING, ModeShapes, settled, start_configuration
 from denoc_ros.viewer.outline import reach
 from denoc_ros.viewer.overlays import LONGEST, Arrows, Overlays
-from denoc_ros.viewer.snapshot import Snapshot
 from denoc_ros.viewer.view import BANDS, Surfaces
 
 

@@ -17,9 +17,9 @@ from simulated_bags import SimulatedBag
 from denoc_ros.bags.writer import BagWriter
 from denoc_ros.dynamics.robot import load_robot
 from denoc_ros.errors import ConfigError, StateError
+from denoc_ros.simulation.recorded.run_snapshots import RecordedRun
 from denoc_ros.units import round_up
 from denoc_ros.viewer.film import Look, frame_times, write_film, write_strip
-from denoc_ros.viewer.recorded import RecordedRun
 from denoc_ros.viewer.scene_setup import SHOWN, SceneSetup, best_view
 
 SMALL = Look(size=(320, 240), scale=5.0)

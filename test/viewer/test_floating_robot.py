@@ -6,9 +6,9 @@ import numpy as np
 from base_robots import description, floating, spacecraft
 
 from denoc_ros.dynamics.robot import load_robot
+from denoc_ros.simulation.recorded.snapshot import Snapshot
 from denoc_ros.viewer.folders import ModeShapes
 from denoc_ros.viewer.overlays import reactions_of
-from denoc_ros.viewer.snapshot import Snapshot
 
 
 def test_modes_and_reactions_of_a_floating_robot() -> None:

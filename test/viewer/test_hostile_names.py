@@ -17,9 +17,9 @@ import denoc_ros as dn
 from denoc_ros.errors import ConfigError, SolverError
 from denoc_ros.reports.figures import Curve, Ink, Panel, line_figure
 from denoc_ros.reports.pages import Card, PageSection, PageTable, ReportPage, Verdict
+from denoc_ros.simulation.recorded.snapshot import Snapshot
 from denoc_ros.viewer.page import Exhibit, Page, offer
 from denoc_ros.viewer.picture import Canvas
-from denoc_ros.viewer.snapshot import Snapshot
 
 TIMEOUT = 90.0  # s; a busy machine draws a picture in seconds
 # Elements of HTML, an expression of JSX, a link, an entity, a formula, a control, a direction.

@@ -20,12 +20,12 @@ from viewer_client import MOVING, ViewerClient
 
 import denoc_ros as dn
 from denoc_ros.cli.main import main
-from denoc_ros.cli.view import book_systems
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import ConfigError, StateError
+from denoc_ros.simulation.recorded.snapshot import Snapshot
 from denoc_ros.viewer.page import Page, recorded_page
-from denoc_ros.viewer.snapshot import Snapshot
 from denoc_ros.viewer.view import BANDS
+from denoc_ros.viewer.view_verb import book_systems
 
 TIMEOUT = 90.0  # s for what takes a second on a machine that does nothing else
 

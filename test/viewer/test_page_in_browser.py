@@ -16,8 +16,8 @@ from playwright.sync_api import Browser
 from playwright.sync_api import Page as Tab
 
 import denoc_ros as dn
+from denoc_ros.simulation.recorded.snapshot import Snapshot
 from denoc_ros.viewer.page import Page
-from denoc_ros.viewer.snapshot import Snapshot
 
 Pixels = NDArray[np.int16]
 

@@ -14,7 +14,7 @@ from denoc_ros.bags import run as run_reading
 from denoc_ros.bags.writer import BagWriter
 from denoc_ros.dynamics.robot import load_robot
 from denoc_ros.errors import BagError
-from denoc_ros.viewer.recorded import RecordedRun
+from denoc_ros.simulation.recorded.run_snapshots import RecordedRun
 
 JOINT_STATE = 'sensor_msgs/msg/JointState'
 STAMP = 1e-9  # s: stamps are whole nanoseconds

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import linprog
 
-from denoc_ros.control.joint_limits import Given, JointLimits, joint_limits
-from denoc_ros.dynamics.floating_base import require_known_base
-from denoc_ros.dynamics.measured_side import measured_robot
+from denoc_ros.dynamics.base.floating_base import require_known_base
+from denoc_ros.dynamics.driven.joint_limits import Given, JointLimits, joint_limits
+from denoc_ros.dynamics.driven.measured_side import measured_robot
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import ConfigError, SolverError
 from denoc_ros.identification.model.excited_channels import (
@@ -42,7 +42,7 @@ from denoc_ros.identification.model.motion_space import (
     MotionSpace,
     deflection_limits,
 )
-from denoc_ros.model.segments import whole_beams
+from denoc_ros.model.beams.segments import whole_beams
 from denoc_ros.types import Array
 
 DRAWN = 16  # motions at random, the best of which the search starts from

@@ -9,13 +9,13 @@ import numpy as np
 import scipy.linalg
 from scipy.interpolate import CubicSpline
 
-from denoc_ros.dynamics.constraints import mimic_ties
-from denoc_ros.dynamics.measured_side import MotorSide
+from denoc_ros.dynamics.constrained_dynamics import mimic_ties
+from denoc_ros.dynamics.driven.measured_side import MotorSide
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.stepper import Stepper
 from denoc_ros.errors import ConfigError
 from denoc_ros.identification.model.free_parameters import FreeParameters, SearchPoint
-from denoc_ros.model.segments import whole_beams
+from denoc_ros.model.beams.segments import whole_beams
 from denoc_ros.types import Array
 
 FEWEST_HARMONICS = 3  # harmonics: fewer leave nothing free beside the rest at the ends

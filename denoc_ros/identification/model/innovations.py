@@ -15,11 +15,11 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from denoc_ros.dynamics.constraints import mimic_ties
+from denoc_ros.dynamics.constrained_dynamics import mimic_ties
 from denoc_ros.dynamics.robot import Robot
-from denoc_ros.kernels.compiled import ready
-from denoc_ros.kernels.inverse_derivatives import inverse_dynamics_derivatives
-from denoc_ros.kernels.kalman import filter_gains, filter_values, linear_states
+from denoc_ros.kernels.algebra.kalman import filter_gains, filter_values, linear_states
+from denoc_ros.kernels.derivatives.inverse_derivatives import inverse_dynamics_derivatives
+from denoc_ros.kernels.jit.compiled import ready
 from denoc_ros.types import Array, Flags
 
 Motion = tuple[Array, Array]

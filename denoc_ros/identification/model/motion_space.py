@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from denoc_ros.control.joint_limits import JointLimits
+from denoc_ros.dynamics.driven.joint_limits import JointLimits
 from denoc_ros.errors import ConfigError, SolverError
 from denoc_ros.identification.model.excited_channels import (
     WHERE,

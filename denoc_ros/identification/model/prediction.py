@@ -22,7 +22,7 @@ from denoc_ros.identification.model.innovations import LinkedRows, NearbyMotion,
 from denoc_ros.identification.model.robust import noise_of, without_spikes
 from denoc_ros.identification.model.sensed import MeasuredSignal, SensedChannels
 from denoc_ros.identification.model.sources import Recording
-from denoc_ros.model.friction import Friction
+from denoc_ros.model.joint_friction import Friction
 from denoc_ros.types import Array, Flags
 
 FINEST = 0.3  # of the sampling rate: the cutoff of smoothing, as high as it goes

@@ -7,10 +7,8 @@ constants and merge common terms, so this is what is asked of the machine, not w
 
 from __future__ import annotations
 
-import importlib
 import math
 import operator
-import pkgutil
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -20,13 +18,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-import denoc_ros.kernels
 from denoc_ros.dynamics.robot import Robot
-from denoc_ros.kernels.compiled import APART, inlined, kernel, ready
-from denoc_ros.kernels.handle import DIAGONALS, GOOD
+from denoc_ros.kernels.jit.compiled import APART, inlined, kernel, kernel_modules, ready
+from denoc_ros.kernels.jit.handle import DIAGONALS, GOOD
 from denoc_ros.types import Array
 
-VECTORS = 'denoc_ros.kernels.vector'
+VECTORS = 'denoc_ros.kernels.algebra.vector'
 
 Objects = NDArray[np.object_]
 
@@ -215,11 +212,7 @@ def _plain_kernels(
     attributed : callable
         Wraps every function but products of vectors.
     """
-    modules = [
-        importlib.import_module(f'denoc_ros.kernels.{found.name}')
-        for found in pkgutil.iter_modules(denoc_ros.kernels.__path__)
-    ]
-    spaces = {module.__name__: dict(vars(module)) for module in modules}
+    spaces = {module.__name__: dict(vars(module)) for module in kernel_modules()}
     for space in spaces.values():
         for name, value in space.items():
             source = _source(value)

@@ -12,8 +12,8 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import ArrayLike
 
-from denoc_ros.dynamics.batch import cores
 from denoc_ros.dynamics.robot import Robot, load_robot
+from denoc_ros.dynamics.state_rows import cores
 from denoc_ros.studies.benchmarks.peers import Dense, Pinocchio, rigid_chain
 from denoc_ros.studies.benchmarks.results import (
     BenchCheck,

@@ -21,9 +21,9 @@ from truth_scores import (
 
 import denoc_ros as dn
 from denoc_ros.errors import IdentificationError
-from denoc_ros.identification.model.fit import free_parameters
 from denoc_ros.identification.model.free_parameters import FreeParameters
 from denoc_ros.identification.model.information import EXACT, EXACT_OFFSET
+from denoc_ros.identification.model.model_fit import free_parameters
 
 
 def blind(seed: int, trap: str) -> dict[str, NumberScore]:

@@ -11,7 +11,7 @@ import pytest
 from identification_runs import Motion, recorded
 
 import denoc_ros as dn
-from denoc_ros.dynamics.deflection import TipDeflections
+from denoc_ros.dynamics.elastic.deflection import TipDeflections
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.stepper import Stepper
 from denoc_ros.identification.model.excitation import Excitation
@@ -20,8 +20,8 @@ from denoc_ros.identification.model.excited_channels import (
     PrescribedRobot,
     RestSeries,
 )
-from denoc_ros.identification.model.fit import IdentifiedModel
 from denoc_ros.identification.model.free_parameters import FreeParameters
+from denoc_ros.identification.model.model_fit import IdentifiedModel
 from denoc_ros.trajectories import CycloidalTrajectory
 from denoc_ros.types import Array
 

@@ -12,7 +12,7 @@ from truth_robots import truth_case
 from truth_runs import truth_run
 
 import denoc_ros as dn
-from denoc_ros.identification.model.fit import IdentifiedModel
+from denoc_ros.identification.model.model_fit import IdentifiedModel
 
 ROBOT = Path(__file__).resolve().parents[3] / 'config' / 'robots' / 'canadarm_gauges.urdf'
 

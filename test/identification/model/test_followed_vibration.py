@@ -11,8 +11,8 @@ from truth_runs import TruthRun, truth_run
 from truth_scores import CUTOFF, STEP, NumberScore, scored, true_point
 
 import denoc_ros as dn
-from denoc_ros.identification.model.fit import free_parameters
 from denoc_ros.identification.model.free_parameters import FreeParameters
+from denoc_ros.identification.model.model_fit import free_parameters
 from denoc_ros.identification.model.prediction import PreparedRun
 from denoc_ros.identification.model.search import ModelSearch
 from denoc_ros.types import Array

@@ -12,16 +12,16 @@ from identification_runs import recorded, sweeping
 import denoc_ros as dn
 from denoc_ros.dynamics.parameter_columns import INERTIAL
 from denoc_ros.dynamics.robot import Robot
-from denoc_ros.identification.model.fit import IdentifiedModel, with_far_starts
 from denoc_ros.identification.model.free_parameters import FreeParameters, SearchPoint
 from denoc_ros.identification.model.information import verdict_of
-from denoc_ros.identification.model.prediction import PreparedRun
-from denoc_ros.identification.model.result import (
+from denoc_ros.identification.model.model_fit import IdentifiedModel, with_far_starts
+from denoc_ros.identification.model.model_result import (
     applied_description,
     not_applied,
     result_of,
     verdict_text,
 )
+from denoc_ros.identification.model.prediction import PreparedRun
 from denoc_ros.identification.model.search import ModelSearch
 from denoc_ros.model.payloads import carrying_links
 from denoc_ros.model.tree import RigidInertia

@@ -10,8 +10,8 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from denoc_ros.identification.model.innovations import Innovations, LinkedRows, linked_rows
-from denoc_ros.kernels.compiled import ready
-from denoc_ros.kernels.kalman import linear_states
+from denoc_ros.kernels.algebra.kalman import linear_states
+from denoc_ros.kernels.jit.compiled import ready
 from denoc_ros.types import Array, Flags
 
 STAMPS, FREE, JOINTS, ROWS = 9, 2, 3, 31

@@ -7,12 +7,12 @@ import pytest
 from geared_arm import arm_text
 
 import denoc_ros as dn
-from denoc_ros.dynamics.feedforward import TorqueFeedforward
-from denoc_ros.dynamics.measured_side import MeasuredStates, measured_robot
+from denoc_ros.dynamics.driven.measured_side import MeasuredStates, measured_robot
+from denoc_ros.dynamics.driven.torque_feedforward import TorqueFeedforward
 from denoc_ros.errors import ConfigError
-from denoc_ros.identification.damping import configuration
-from denoc_ros.identification.model.fit import identify_model
+from denoc_ros.identification.decay.damping import configuration
 from denoc_ros.identification.model.free_parameters import FreeParameters
+from denoc_ros.identification.model.model_fit import identify_model
 from denoc_ros.identification.model.sources import Recording
 
 PAYLOAD = 1.5  # kg

@@ -11,7 +11,7 @@ from small_robots import block, joint, link
 
 import denoc_ros as dn
 from denoc_ros.cli.main import main
-from denoc_ros.model.suggest.gears import GEARS
+from denoc_ros.reduction.suggest.gears import GEARS
 
 LIMIT = '<limit lower="-3" upper="3" velocity="2" effort="{effort}"/>'
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from denoc_ros.model.suggest.materials import ASSUMED_DAMPING, JOINTED_DAMPING, MATERIALS
+from denoc_ros.reduction.suggest.materials import ASSUMED_DAMPING, JOINTED_DAMPING, MATERIALS
 
 # E1, E2, G12 [GPa], nu12 of one layer: Tsai & Hahn's table of T300/5208 and Scotchply 1002
 LAYERS = {'cfrp': (181.0, 10.3, 7.17, 0.28), 'gfrp': (38.6, 8.27, 4.14, 0.26)}

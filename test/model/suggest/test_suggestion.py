@@ -15,13 +15,13 @@ from suggested_robots import ALUMINIUM, EI, GJ, LENGTH, MASS, inertial, tube_arm
 import denoc_ros as dn
 from denoc_ros.errors import ConfigError, ModelError
 from denoc_ros.model.inertia import beam_inertia, moved, total
-from denoc_ros.model.poses import number_text, rotation_rpy
-from denoc_ros.model.suggest.beam import STUBBY, BeamSuggestion, _judge
-from denoc_ros.model.suggest.outline import Outline
-from denoc_ros.model.suggest.slender import BeamLine, Stiffness, stiffness
-from denoc_ros.model.suggest.suggestion import suggest_flexibility
+from denoc_ros.model.reading.poses import number_text, rotation_rpy
+from denoc_ros.model.reading.urdf import load_tree
 from denoc_ros.model.tree import RigidInertia
-from denoc_ros.model.urdf import load_tree
+from denoc_ros.reduction.suggest.outer_size import Outline
+from denoc_ros.reduction.suggest.slender import BeamLine, Stiffness, stiffness
+from denoc_ros.reduction.suggest.suggested_beam import STUBBY, BeamSuggestion, _judge
+from denoc_ros.reduction.suggest.suggestion import suggest_flexibility
 from denoc_ros.types import Array
 
 ROBOTS = Path(pinocchio.__file__).parents[4] / 'share' / 'example-robot-data' / 'robots'

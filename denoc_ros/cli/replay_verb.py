@@ -1,0 +1,181 @@
+"""`denoc replay BAG`: torque and deflection recomputed along a recorded run."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+from contextlib import contextmanager
+from itertools import chain
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from denoc_ros.bags.joint_table import TableTimes, bag_of_table
+from denoc_ros.bags.tables import is_table
+from denoc_ros.cli.arguments import (
+    TIMES,
+    add_gravity,
+    add_json,
+    add_option,
+    add_output,
+    add_overrides,
+    add_pairs,
+    add_row,
+    add_settings,
+    number_range,
+    overridden,
+    require,
+    settings_of,
+    unused,
+)
+from denoc_ros.cli.progress import share_bar
+from denoc_ros.cli.provenance import named_file, named_text, provenance
+from denoc_ros.cli.verb_result import VerbResult
+from denoc_ros.cli.verbs import DOUBTFUL
+from denoc_ros.dynamics.robot import Robot, load_robot
+from denoc_ros.errors import BagError
+from denoc_ros.identification.tracking.tracked_recording import AdaptSettings
+from denoc_ros.identification.tracking.tracker_settings import TrackerSettings
+from denoc_ros.output_files import require_new, write_text
+from denoc_ros.reports.replay_page import lines, page
+from denoc_ros.runtime.parameters.predictor_parameters import TRACKER
+from denoc_ros.settings import declared
+from denoc_ros.simulation.recorded.replay_bag import replay_bag
+from denoc_ros.simulation.recorded.replay_settings import ReplaySettings
+from denoc_ros.simulation.recorded.replay_summary import summarize
+from denoc_ros.simulation.recorded.run_files import EARTH, find_bag, read_session, recording_name
+from denoc_ros.viewer.view_verb import robot_source
+
+DESCRIPTION = (
+    'Read the joint states of a bag (MCAP or db3) or of a table, and compute the torque of the '
+    'rigid and of the flexible model and the deflection along them. Write a new bag with these '
+    'results beside all recorded messages, a table and one HTML page. Exit status 2: the '
+    'numbers are doubtful.'
+)
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Declare the verb's arguments."""
+    add_option(
+        parser,
+        'bag BAG',
+        'a bag, the directory of a run, or a table of numbers with columns such as elbow/position',
+        type=Path,
+    )
+    add_option(
+        parser,
+        '--robot ROBOT',
+        'the URDF file, in this folder or in the installed package; default: the one in the bag',
+    )
+    add_output(
+        parser,
+        'BAG',
+        'the new bag, a folder or a .mcap file (default: BAG_replay here, or replay in the '
+        "run's directory)",
+    )
+    add_option(parser, '--no-output', 'write only table and page, no bag')
+    add_option(
+        parser, '--report FILE', "file of the page (default: the new bag's name .html)", type=Path
+    )
+    _add_table(parser)
+    _add_ways(parser)
+    _add_adaptation(parser)
+    add_overrides(parser)
+    add_json(parser)
+
+
+def _add_table(parser: argparse.ArgumentParser) -> None:
+    group = parser.add_argument_group('tables')
+    text = "column of a joint's position, velocity or effort"
+    add_pairs(group, '--column JOINT.FIELD=COLUMN', text)
+    add_settings(group, TableTimes, *TIMES)
+
+
+def _add_ways(parser: argparse.ArgumentParser) -> None:
+    add_gravity(parser, None, "the run's, else 0 0 -9.81")
+    add_option(
+        parser,
+        '--joint NAME',
+        'a driven joint; in a mechanism the driven joints determine the motion (default: '
+        'all); repeatable',
+        [],
+    )
+    text = 'beginning of joint names in the bag, and its replacement in the robot'
+    add_pairs(parser, '--rename OLD=NEW', text)
+    own = ('--topic', '--effort TOPIC', '--base TOPIC', '--derivative', '--cutoff HZ')
+    add_settings(parser, ReplaySettings, *own, '--stamp', '--fit-friction')
+
+
+def _add_adaptation(parser: argparse.ArgumentParser) -> None:
+    group = parser.add_argument_group('tracked numbers, as `adapt` of the predictor')
+    add_option(
+        group,
+        '--adapt PATH',
+        'number of the model that is tracked over time: payload.tool.mass, beam.*.ei; repeatable',
+        [],
+    )
+    text = 'its bounds (default: half to one and a half of its value)'
+    add_pairs(group, '--adapt-bounds PATH=LOW:HIGH', text, number_range)
+    rows = declared(TrackerSettings)
+    for field, name in TRACKER.names.items():  # None: not given
+        add_row(group, f'--{name.replace("_", "-")} X', rows[field])
+
+
+def run(args: argparse.Namespace) -> VerbResult:
+    """Recompute a run, write bag and page; exit status 2 where the numbers are doubtful."""
+    settings = settings_of(ReplaySettings, args, joints=tuple(args.joint))
+    adapt = _adapt_settings(args)
+    bag = find_bag(args.bag)
+    output = args.output or _default_output(args.bag, bag)
+    report = args.report or unused(output.with_name(f'{recording_name(output)}.html'))
+    require_new(None if args.no_output else output)
+    robot = _robot(args, bag, read_session(args.bag))
+    with _as_bag(args, bag, robot) as recorded, share_bar(quiet=args.json) as bar:
+        replay = replay_bag(
+            recorded, robot, None if args.no_output else output, settings, bar.update, adapt
+        )
+    summary = {
+        'output': None if args.no_output else str(output),
+        **summarize(replay),
+        'bag': str(bag),
+    }
+    name = Path(args.robot).name if args.robot else 'the one in the bag'
+    sources = {'bag': named_file(bag), 'robot': named_text(name, robot.tree.source)}
+    shown = page(replay, summary, robot, provenance(args.command, sources))
+    replaced = ' (replaced)' if report.exists() else ''
+    write_text(report, shown.html())
+    told = chain(lines(shown, summary), [f'report  {report}{replaced}'])
+    return VerbResult(
+        {**summary, 'report': str(report)}, told, DOUBTFUL if summary['doubts'] else 0
+    )
+
+
+@contextmanager
+def _as_bag(args: argparse.Namespace, path: Path, robot: Robot) -> Iterator[Path]:
+    """Yield the bag to be read: the one that was given, or one made of a table for now."""
+    if not is_table(path):
+        if args.column:
+            raise BagError(f'{path}: --column must come with a table, got a bag')
+        yield path
+        return
+    times = settings_of(TableTimes, args)
+    with TemporaryDirectory(prefix='denoc-') as folder:
+        yield bag_of_table(path, robot.joint_names, Path(folder, 'table.mcap'), args.column, times)
+
+
+def _default_output(run: Path, bag: Path) -> Path:
+    return Path(f'{recording_name(run)}_replay') if run == bag else run / 'replay'
+
+
+def _adapt_settings(args: argparse.Namespace) -> AdaptSettings:
+    given = {field: getattr(args, name) for field, name in TRACKER.names.items()}
+    given = {field: value for field, value in given.items() if value is not None}
+    if (args.adapt_bounds or given) and not args.adapt:
+        require(['--adapt must name what is tracked where its settings are given, got none'])
+    return AdaptSettings(tuple(args.adapt), args.adapt_bounds, TrackerSettings(**given))
+
+
+def _robot(args: argparse.Namespace, bag: Path, session: dict[str, Any]) -> Robot:
+    source = robot_source(bag, args.robot)
+    robot = load_robot(source, gravity=args.gravity or session.get('gravity', EARTH))
+    return overridden(robot, args)

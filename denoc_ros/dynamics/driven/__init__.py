@@ -1,0 +1,1 @@
+"""Robots driven by their joints: motions, limits, torque."""

@@ -1,0 +1,1 @@
+"""Deflections, and bounds of the elastic state."""

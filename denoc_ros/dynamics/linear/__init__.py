@@ -1,0 +1,1 @@
+"""Linear models and natural modes of a robot."""

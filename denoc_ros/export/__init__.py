@@ -1,0 +1,1 @@
+"""Optional part: a robot as the model of another simulator."""

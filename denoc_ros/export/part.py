@@ -1,0 +1,14 @@
+"""What the part export adds to the core."""
+
+from __future__ import annotations
+
+from denoc_ros.parts import Part, Verb
+
+PART = Part(
+    verbs={
+        'export': Verb(
+            "write a robot as MuJoCo's or Gazebo's model, beams as chains of sprung rods",
+            'export.export_verb',
+        )
+    },
+)

@@ -1,0 +1,1 @@
+"""Optional part: feedback of joints and sensors about a planned motion."""

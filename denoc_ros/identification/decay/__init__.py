@@ -1,0 +1,1 @@
+"""Modes and damping of recorded signals."""

@@ -1,0 +1,1 @@
+"""Friction of a joint from a free swing."""

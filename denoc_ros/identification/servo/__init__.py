@@ -1,0 +1,1 @@
+"""Servos of position-controlled joints."""

@@ -1,0 +1,1 @@
+"""Tracking of numbers of a robot while it works."""

@@ -1,0 +1,145 @@
+"""Numbers of a robot tracked along a recording, as the predictor would while it runs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from denoc_ros.bags.series import joint_state_blocks, read_joint_states
+from denoc_ros.dynamics.robot import Robot
+from denoc_ros.estimation.base_track import BaseRecord
+from denoc_ros.identification.model.sources import Recording, RecordingSettings, read_source
+from denoc_ros.identification.tracking.parameter_tracker import ParameterTracker
+from denoc_ros.identification.tracking.tracker_settings import TrackerSettings
+from denoc_ros.simulation.recorded.replay_settings import ReplayPlan, ReplaySettings
+from denoc_ros.types import Array
+
+NORMAL = 1.96  # deviations of half a 95 % interval
+
+
+@dataclass(frozen=True)
+class Adapted:
+    """Numbers of a robot over the time of a recording."""
+
+    paths: tuple[str, ...]
+    start: Array  # (p,) before the first joint state
+    bounds: Array  # (p, 2)
+    t: Array  # (k,) from the first joint state [s]: at the end of each block that was compared
+    # (k, p) in use since then, and their standard deviations
+    values: Array
+    deviations: Array
+    supported: Array  # (p,) bool: whether the data support the last values
+    cause: str  # why nothing is tracked at the end; '' if it is
+    restarts: int  # gaps that were not integrated over
+    failures: int  # states that the model could not go on from
+    model_error: float  # error of the rest of the model, as a share of its torques
+
+    @property
+    def last(self) -> Array:
+        """The last values (p,)."""
+        return self.values[-1] if len(self.values) else self.start
+
+
+@dataclass(frozen=True)
+class AdaptSettings:
+    """Which numbers are tracked along a recording, and how."""
+
+    paths: tuple[str, ...] = ()  # dotted, `*` for any text; empty: none
+    # lowest and highest value by path; default half and one and a half of the present value
+    bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    tracker: TrackerSettings = field(default_factory=TrackerSettings)
+
+
+def adapted_along(
+    robot: Robot,
+    plan: ReplayPlan,
+    settings: ReplaySettings,
+    adapt: AdaptSettings,
+    base: BaseRecord | None = None,
+) -> Adapted:
+    """Return the parameters that a tracker estimates along a bag.
+
+    Parameters
+    ----------
+    robot : Robot
+        With the numbers as they are known.
+    plan : ReplayPlan
+        What of the bag counts.
+    base : BaseRecord, optional
+        How the base moves, on the clock of the joint states.
+
+    Raises
+    ------
+    ConfigError
+        Paths that cannot be tracked, wrong bounds, or a robot with loops.
+    BagError, IdentificationError
+        The bag has too little.
+    """
+    tracker = ParameterTracker(robot, adapt.paths, adapt.tracker, adapt.bounds, plan.joints)
+    if base is not None:
+        tracker.base = base.once
+    source = plan.source
+    reading = RecordingSettings(source.topic, settings.rename, stamp=source.stamp)
+    found = read_source(source.path, robot, reading)
+    columns = [found.joints.index(joint) for joint in plan.joints]
+    effort = _commanded(plan, found) if plan.effort else found.effort[:, columns]
+    t: list[float] = []
+    rows: list[tuple[Array, Array]] = []
+    blocks, readings = 0, _calibrated(robot, found)
+    place, stamp, value = next(readings)
+    for k, now in enumerate(found.t.tolist()):
+        while stamp <= now:
+            tracker.sense(place, stamp, value)
+            place, stamp, value = next(readings)
+        qd = None if found.velocity is None else found.velocity[k, columns]
+        known = effort[k] if np.isfinite(effort[k]).all() else None
+        tracker.measure(now, found.position[k, columns], qd, known)
+        if tracker.blocks != blocks:
+            blocks = tracker.blocks
+            t.append(now)
+            rows.append((tracker.values.copy(), tracker.deviations))
+    p = len(tracker.paths)
+    values, deviations = (
+        np.array(part).reshape(-1, p) for part in (zip(*rows, strict=True) if rows else ((), ()))
+    )
+    return Adapted(
+        tracker.paths,
+        tracker.start,
+        tracker.bounds,
+        np.array(t),
+        values,
+        deviations,
+        tracker.supported,
+        tracker.cause,
+        tracker.restarts,
+        tracker.failures,
+        tracker.model_error,
+    )
+
+
+def _calibrated(robot: Robot, found: Recording) -> Iterator[tuple[int, float, float]]:
+    """Yield place, time [s] and calibrated value of the sensors on beams, by time."""
+    said = [
+        (place, stamp, sensor.gain * raw + sensor.offset)
+        for place, sensor in enumerate(robot.tree.sensors)
+        if sensor.name in found.sensors
+        for stamp, raw in zip(*(part.tolist() for part in found.sensors[sensor.name]), strict=True)
+    ]
+    yield from sorted(said, key=lambda reading: reading[1])
+    while True:
+        yield 0, np.inf, 0.0
+
+
+def _commanded(plan: ReplayPlan, found: Recording) -> Array:
+    """Return the effort (k, joints) of a topic of its own, the newest at each joint state."""
+    source = plan.source
+    first = next(joint_state_blocks(source.path, [source.topic], 1, source.stamp))[source.topic]
+    series = read_joint_states(source.path, plan.effort, None, source.stamp)
+    series = series.since(int(first.stamp_ns[0])).select(plan.joints)
+    newest = np.searchsorted(series.t, found.t, side='right') - 1
+    there = newest >= 0
+    effort = np.full((len(found.t), len(plan.joints)), np.nan)
+    effort[there] = series.effort[newest[there]]
+    return effort

@@ -1,0 +1,1 @@
+"""Vectors, rotations, spatial matrices and filters of kernels."""

@@ -1,0 +1,1 @@
+"""Loops and mimic joints: constraint rows, multipliers and their derivatives."""

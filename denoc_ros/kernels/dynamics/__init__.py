@@ -1,0 +1,1 @@
+"""Inverse, forward and hybrid dynamics of trees; steps of time."""

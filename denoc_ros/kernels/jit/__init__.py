@@ -1,0 +1,1 @@
+"""Compilation, cache and calls of kernels."""

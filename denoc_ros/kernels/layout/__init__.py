@@ -1,0 +1,1 @@
+"""Places of numbers in the arrays of kernels."""

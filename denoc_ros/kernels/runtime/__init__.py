@@ -1,0 +1,1 @@
+"""Computations of a tick beside the dynamics: messages, limits, tracking, faults."""

@@ -1,0 +1,1 @@
+"""Beams: sections, shape functions, segments and links from files."""

@@ -1,0 +1,1 @@
+"""Reading of a description: URDF, `<flexibility>`, meshes; findings."""

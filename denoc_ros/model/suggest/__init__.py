@@ -1,1 +1,0 @@
-"""A `<flexibility>` block proposed for a plain URDF."""

@@ -1,0 +1,358 @@
+"""The feedforward node's torque: feedback added to it, and the topics that it leaves by."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from geometry_msgs.msg import WrenchStamped
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
+from trajectory_msgs.msg import JointTrajectory
+
+from denoc_ros.bags.joint_state import JointStateMessage
+from denoc_ros.dynamics.driven.torque_feedforward import TorqueFeedforward
+from denoc_ros.dynamics.robot import Robot
+from denoc_ros.feedback.live_state_feedback import LiveStateFeedback
+from denoc_ros.feedback.strain_feedback import StrainFeedback
+from denoc_ros.nodes.base.denoc_node import DenocNode
+from denoc_ros.nodes.base.messages import (
+    COMMAND,
+    EVERY_MESSAGE,
+    STATE,
+    CommandMessage,
+    ImpedanceCommandMessage,
+    TrajectoryPointMessage,
+    listeners,
+    raw_publish,
+)
+from denoc_ros.nodes.base.robot_node import RobotNode
+from denoc_ros.nodes.sensor_inputs import SEARCH_PERIOD, SensorInputs
+from denoc_ros.runtime.inputs.joint_gate import JointSample
+from denoc_ros.runtime.inputs.message_numbers import MessageFiller, Numbers
+from denoc_ros.runtime.loop.status import Status
+from denoc_ros.runtime.parameters.parameter_table import Settings
+from denoc_ros.types import Array
+
+
+class TorqueFeedback:
+    """Feedback by the parameters `feedback.*`; without them it neither listens nor acts.
+
+    Parameters
+    ----------
+    node : RobotNode
+        It subscribes to the sensors once they are needed.
+
+    Attributes
+    ----------
+    state : LiveStateFeedback
+    """
+
+    def __init__(self, node: RobotNode) -> None:
+        name = node.get_fully_qualified_name()
+        self._node = node
+        self._strain = StrainFeedback(name)
+        self.state = LiveStateFeedback(name, in_hurry=not node.clock.is_simulated)
+        self._strain_robot: Robot | None = None
+        self._sensors: SensorInputs | None = None
+        self._plan: Array | None = None
+
+    def build(
+        self,
+        robot: Robot,
+        joints: Sequence[str],
+        settings: Settings,
+        limits: Array,
+        posture: Array,
+        patience: float = 0.0,
+    ) -> None:
+        """Take a robot over; prove the wanted feedback safe, and listen to its sensors.
+
+        `patience` [s] is of :meth:`LiveStateFeedback.build`.
+
+        Raises
+        ------
+        ConfigError, StateError
+            As of :meth:`StrainFeedback.build` and :meth:`LiveStateFeedback.build`.
+        """
+        before = self.wanted
+        self.state.build(robot, joints, settings, limits, posture, patience)
+        if robot is not self._strain_robot:  # its parameters are not live, its filter goes on
+            self._strain.build(robot, joints, settings, limits)
+            self._strain_robot = robot
+        if not self.wanted:
+            return
+        if self._sensors is None:
+            self._sensors = SensorInputs(self._node)
+            self._node.create_timer(
+                SEARCH_PERIOD, self._sensors.search, clock=self._node.steady_clock
+            )
+        if not before:
+            self._sensors.queue.clear()  # of a time in which nobody listened
+        self._sensors.update(robot.tree)
+
+    @property
+    def wanted(self) -> bool:
+        """Whether there is a feedback, or one that fades."""
+        return self._strain.wanted or self.state.wanted
+
+    def take_joints(self, sample: JointSample) -> None:
+        """Take measured joints."""
+        if not self.state.wanted:
+            return
+        if sample.restarts:
+            self.state.begin()
+        wall = 1e-9 * self._node.stamp_ns_at(sample.arrival)
+        self.state.take_joints(
+            1e-9 * sample.stamp_ns, sample.arrival, wall, sample.position, sample.velocity
+        )
+
+    @property
+    def busy(self) -> bool:
+        """Whether gains are in work."""
+        return self.state.wanted and self.state.busy
+
+    def search(self) -> None:
+        """Listen to the sensors that have appeared."""
+        if self._sensors is not None:
+            self._sensors.search()
+
+    def begin(self) -> None:
+        """Start anew."""
+        self._plan = None
+        self.state.begin()
+
+    def add(
+        self, torque: Array, source: TorqueFeedforward, wanted: Array, now: float, lead: float
+    ) -> Array:
+        """Return a torque (n,) with the feedback.
+
+        Parameters
+        ----------
+        torque : (n,) array
+            Of the plan.
+        source : TorqueFeedforward
+            With the plan's state.
+        wanted : (n,) array
+            Reference of the driven joints.
+        now, lead : float
+            Time of the tick, steady clock [s], and how far ahead the plan is.
+        """
+        if not self.wanted:
+            return torque
+        self._take_values()
+        if self._strain.wanted:
+            return self._strain.add(torque, now)
+        self._plan = torque.copy()
+        added = self.state.torque(now, lead, wanted, source.whole_motion(), self._plan)
+        return torque if added is None else np.asarray(torque + added)
+
+    def wait(
+        self, torque: Array, source: TorqueFeedforward, wanted: Array, now: float, lead: float
+    ) -> None:
+        """Go on with the estimate in a tick in which another torque leaves; arguments as `add`.
+
+        A machine that stood still has no joint states in its first tick: the estimate knows what
+        the torque did meanwhile.
+        """
+        if self.state.wanted:
+            self._take_values()
+            self._plan = torque.copy()
+            self.state.wait(now, lead, wanted, source.whole_motion(), self._plan)
+
+    def applied(self, left: Array) -> None:
+        """Take the torque (n,) that left after all limits."""
+        if self._plan is not None:
+            self.state.applied(left - self._plan)
+            self._plan = None
+
+    def rest(self) -> None:
+        """Let go: something else than the plan leaves."""
+        self._plan = None
+        if self.state.wanted:
+            self._take_values()
+            self.state.rest()
+
+    def _take_values(self) -> None:
+        """Pass on the values of the sensors."""
+        assert self._sensors is not None
+        queue = self._sensors.queue
+        while queue:
+            value = queue.popleft()
+            if self._strain.wanted:
+                self._strain.take(*value)
+            self.state.take_sensor(*value)
+
+    def statuses(self) -> list[Status]:
+        """State of the state feedback, if it is wanted."""
+        return [self.state.status()] if self.state.wanted else []
+
+
+class ImpedanceOutput:
+    """Commands of position, velocity, gains and torque in one, for drives that close the loop.
+
+    Stiffness rises over the ramp while the reference is followed, and falls over it, about the
+    last position that was commanded, while it is not: neither begins nor ends with a jump.
+
+    Parameters
+    ----------
+    node : DenocNode
+    joints : sequence of str
+    stiffness, damping : (joints,) arrays
+        Gains of the drives [N m/rad, N m s/rad; N/m, N s/m].
+    ramp_time : float
+        [s]
+    """
+
+    def __init__(
+        self,
+        node: DenocNode,
+        joints: Sequence[str],
+        stiffness: Array,
+        damping: Array,
+        ramp_time: float,
+    ) -> None:
+        self._stiffness, self._ramp_time = stiffness, ramp_time
+        self._share, self._last_ns = 0.0, 0
+        self._message = ImpedanceCommandMessage(joints)
+        self._message.values[:, 3] = damping
+        qos = EVERY_MESSAGE if node.clock.is_simulated else COMMAND
+        publisher = node.create_publisher(Float64MultiArray, '~/impedance_commands', qos)
+        self._publish = raw_publish(publisher)
+
+    def send(self, stamp_ns: int, q: Array, qd: Array, torque: Array, is_following: bool) -> None:
+        """Publish the commands (joints,) of now."""
+        step = max(0.0, 1e-9 * (stamp_ns - self._last_ns)) if self._last_ns else 0.0
+        self._last_ns = stamp_ns
+        change = step / self._ramp_time
+        self._share = min(max(self._share + (change if is_following else -change), 0.0), 1.0)
+        values = self._message.values
+        if is_following or self._share == 0.0:
+            values[:, 0] = q
+        values[:, 1] = qd
+        values[:, 2] = self._share * self._stiffness
+        values[:, 4] = torque
+        self._publish(self._message.bytes())
+
+
+class TorqueOutput:
+    """The publishers of one set of joints, with their prebuilt messages.
+
+    Parameters
+    ----------
+    node : DenocNode
+    joints : sequence of str
+    motion : three (joints,) arrays
+        Desired positions, rates and accelerations: what is in them when a torque is sent goes
+        with it.
+    torque : (joints,) array
+        What is sent [N m or N].
+    every_message : bool
+        Whether effort is an answer to each input, of which none may be lost.
+    with_point : bool
+        Whether `~/joint_trajectory` is published.
+    impedance : ImpedanceOutput, optional
+        Also sends the gains of drives.
+
+    Attributes
+    ----------
+    sent : int
+        How many commands have left.
+    """
+
+    def __init__(
+        self,
+        node: DenocNode,
+        joints: Sequence[str],
+        motion: tuple[Array, Array, Array],
+        torque: Array,
+        every_message: bool,
+        with_point: bool,
+        impedance: ImpedanceOutput | None = None,
+    ) -> None:
+        self.sent, self._impedance = 0, impedance
+        self._motion, self._torque = motion, torque
+        self._effort = JointStateMessage(joints, ('position', 'velocity', 'effort'))
+        self._commands = CommandMessage(joints)
+        self._point = TrajectoryPointMessage(joints) if with_point else None
+        effort_qos = EVERY_MESSAGE if every_message else STATE
+        effort = node.create_publisher(JointState, '~/effort', effort_qos)
+        self._effort_listeners = listeners(effort)
+        # in simulated time none may be lost; in real time an old one is worth nothing
+        command_qos = EVERY_MESSAGE if node.clock.is_simulated else COMMAND
+        commands = node.create_publisher(Float64MultiArray, '~/commands', command_qos)
+        self._publish_effort, self._publish_commands = raw_publish(effort), raw_publish(commands)
+        q, qd, qdd = motion
+        message, point = self._effort, self._point
+        copies: list[tuple[Numbers, Numbers]] = [
+            (self._commands.values, torque),
+            (message.position, q),
+            (message.velocity, qd),
+            (message.effort, torque),
+        ]
+        if point is not None:
+            publisher = node.create_publisher(JointTrajectory, '~/joint_trajectory', COMMAND)
+            self._publish_point = raw_publish(publisher)
+            copies += [(point.positions, q), (point.velocities, qd), (point.accelerations, qdd)]
+            copies += [(point.effort, torque)]
+        self._fill = MessageFiller((message,), copies).fill
+
+    def send(self, stamp_ns: int, is_following: bool = True) -> None:
+        """Publish the torque on all topics; say whether the motion is the reference's."""
+        self._fill(stamp_ns)
+        self._publish_commands(self._commands.bytes())
+        self.sent += 1
+        if self._effort_listeners():
+            self._publish_effort(self._effort.bytes())
+        if self._impedance is not None:
+            q, qd, _ = self._motion
+            self._impedance.send(stamp_ns, q, qd, self._torque, is_following)
+        if self._point is not None:
+            self._publish_point(self._point.bytes())
+
+    def send_effort(self, stamp_ns: int) -> None:
+        """Publish `~/effort` only: position and velocity are those the torque is for."""
+        self._fill(stamp_ns)
+        if self._effort_listeners():
+            self._publish_effort(self._effort.bytes())
+
+
+class BaseWrench:
+    """Publishes the wrench that a motion of the robot takes of its base.
+
+    Parameters
+    ----------
+    node : DenocNode
+    floating : Robot
+        The robot with its floating base; the torque is that of the same robot, its base held.
+    """
+
+    def __init__(self, node: DenocNode, floating: Robot) -> None:
+        self._robot = floating
+        (body,) = (body for body in floating.tree.bodies if body.floating)
+        self._rest = np.setdiff1d(np.arange(floating.n), floating.base_indices)
+        self._state = np.zeros((3, floating.n))
+        self._message = WrenchStamped()
+        self._message.header.frame_id = body.name
+        self._publisher = node.create_publisher(WrenchStamped, '~/base_wrench', STATE)
+
+    def wrench(self, source: TorqueFeedforward) -> Array:
+        """Return the wrench (6,) that goes with the torque's last update, in the base's axes."""
+        state = self._state
+        state[0, self._rest], state[1, self._rest] = source.q, source.qd
+        state[2, self._rest] = source.qdd
+        force = self._robot.inverse_dynamics(state[0], state[1], state[2], check=False)
+        found: Array = force[self._robot.base_indices]  # at the origin: no turn, Jacobian one
+        return found
+
+    def send(self, stamp_ns: int, source: TorqueFeedforward) -> None:
+        """Publish it, if it is finite."""
+        wrench = self.wrench(source)
+        if not np.isfinite(wrench).all():
+            return
+        message = self._message
+        stamp = message.header.stamp
+        stamp.sec, stamp.nanosec = divmod(stamp_ns, 1_000_000_000)
+        force, torque = message.wrench.force, message.wrench.torque
+        force.x, force.y, force.z, torque.x, torque.y, torque.z = wrench.tolist()
+        self._publisher.publish(message)

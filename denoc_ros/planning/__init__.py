@@ -1,0 +1,1 @@
+"""Optional part: motions without residual vibration."""

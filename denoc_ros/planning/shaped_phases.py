@@ -1,0 +1,117 @@
+"""The plans of a session's phases that shape their reference."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from denoc_ros.cli.session.session_config import Phase, SessionConfig
+from denoc_ros.dynamics.driven.driven_joints import all_joints
+from denoc_ros.dynamics.driven.motion_plan import Plan
+from denoc_ros.dynamics.robot import Robot
+from denoc_ros.errors import ConfigError, SolverError, StateError
+from denoc_ros.planning.shape_motion import shape_motion
+from denoc_ros.trajectories import SplineTrajectory, Trajectory
+from denoc_ros.types import Array
+
+ASKED_STEP = 0.01  # s between the points of the motion that is asked for
+
+
+def plans_of(
+    config: SessionConfig,
+    robot: Robot,
+    trajectory: Trajectory | None,
+    joints: Sequence[str],
+    step: Callable[[str], AbstractContextManager[Any]],
+) -> dict[str, Plan]:
+    """Return the plan of each phase that shapes the reference, by the phase's name.
+
+    Parameters
+    ----------
+    robot : Robot
+        As the file has it; the plan is made with the overrides that the nodes have.
+
+    Raises
+    ------
+    ConfigError
+        There is nothing to shape, the method refuses its options, or finds no motion.
+    """
+    plans: dict[str, Plan] = {}
+    shaped = [phase for phase in config.phases if phase.shape]
+    if not shaped:
+        return plans
+    if trajectory is None:
+        raise ConfigError(str(config.path), ['phases that shape must have a reference, got none'])
+    model = robot.with_overrides(config.model) if config.model else robot.copy()
+    times, q = _asked(config, model, trajectory, joints)
+    for phase in shaped:
+        options = dict(phase.shape)
+        method = options.pop('method')
+        if config.joints and method == 'tip':
+            options = {'joints': list(joints), **options}
+        if len(model.base_indices) and _flies(config, phase):
+            options = {'base': 'free_flying', **options}
+        try:
+            with step(f'shaping the reference: {phase.name}'):
+                plans[phase.name] = shape_motion(
+                    model, times, q, method, options.pop('tip', config.tip or None), **options
+                )
+        except (StateError, SolverError, TypeError) as error:
+            found = [f'phase {phase.name!r}: shape: {error}']
+            raise ConfigError(str(config.path), found) from error
+    return plans
+
+
+def _flies(config: SessionConfig, phase: Phase) -> bool:
+    """Say whether the feedforward takes a base that would float for one that thrusters hold."""
+    nodes = (config.nodes, phase.nodes)
+    given = {key: value for part in nodes for key, value in part.get('feedforward', {}).items()}
+    return given.get('base') == 'free_flying'
+
+
+def _asked(
+    config: SessionConfig, robot: Robot, trajectory: Trajectory, joints: Sequence[str]
+) -> tuple[Array, Array]:
+    """Return times (k,) and positions (k, joints) of all joints for the driven ones' motion."""
+    times, driven, _, _ = trajectory.table(ASKED_STEP)
+    posture = np.zeros(robot.n)
+    posture[robot.joint_indices] = config.nodes['plant'].get('posture') or 0.0
+    try:
+        return times, all_joints(robot, joints, driven, posture)
+    except (StateError, SolverError) as error:
+        raise ConfigError(str(config.path), [f'reference: {error}']) from error
+
+
+def motion_of(plan: Plan, joints: Sequence[str]) -> SplineTrajectory:
+    """Motion of the joints in a plan, from its first row on."""
+    columns = [plan.coordinate_names.index(joint) for joint in joints]
+    return SplineTrajectory(
+        plan.t - plan.t[0], plan.q[:, columns], plan.qd[:, columns], plan.qdd[:, columns]
+    )
+
+
+def asked_at_pace(trajectory: Trajectory, plan: Plan, joints: Sequence[str]) -> Trajectory:
+    """Wanted motion of the joints at the pace of a plan that changes it."""
+    if plan.passed is None and plan.stretch == 1.0:
+        return trajectory
+    passed = plan.t / plan.stretch if plan.passed is None else plan.passed
+    times = np.concatenate([[0.0], plan.t[plan.t > 0.0]])
+    moments = np.clip(np.interp(times, plan.t, passed), 0.0, trajectory.duration)
+    rows, rate, acceleration = np.zeros((len(times), len(joints))), *np.zeros((2, len(joints)))
+    for moment, row in zip(moments.tolist(), rows, strict=True):
+        trajectory.sample(moment, row, rate, acceleration)
+    return SplineTrajectory(times, rows)
+
+
+def started_on_the_plan(phase: Phase, plan: Plan, joints: Sequence[str]) -> Phase:
+    """Return a phase whose plant starts where the plan does, unless it says where."""
+    plant = phase.nodes.get('plant', {})
+    if 'start' in plant:
+        return phase
+    columns = [plan.coordinate_names.index(joint) for joint in joints]
+    start = plan.q[0, columns].tolist()
+    return replace(phase, nodes={**phase.nodes, 'plant': {**plant, 'start': start}})

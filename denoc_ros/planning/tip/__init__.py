@@ -1,0 +1,1 @@
+"""Motions with the tip on its path."""

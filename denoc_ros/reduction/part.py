@@ -1,0 +1,15 @@
+"""What the part reduction adds to the core."""
+
+from __future__ import annotations
+
+from denoc_ros.parts import Part, Verb
+
+PART = Part(
+    names={'suggest_flexibility': 'reduction.suggest.suggestion'},
+    verbs={
+        'reduce': Verb(
+            "reduce a link from its mesh, or another program's matrices, to a few modes",
+            'reduction.reduce_verb',
+        )
+    },
+)

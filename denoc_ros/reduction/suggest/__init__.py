@@ -1,0 +1,1 @@
+"""Proposed `<flexibility>` blocks for a plain URDF."""

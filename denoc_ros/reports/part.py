@@ -1,0 +1,10 @@
+"""What the part reports adds to the core."""
+
+from __future__ import annotations
+
+from denoc_ros.parts import Part, Verb
+
+PART = Part(
+    names={'report': 'reports.run_page'},
+    verbs={'report': Verb('write the HTML report of a run or of any bag', 'reports.report_verb')},
+)

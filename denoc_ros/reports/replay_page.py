@@ -1,0 +1,319 @@
+"""The page of `denoc replay`: computed and measured values, and the share of each term."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+
+from denoc_ros.dynamics.robot import Robot
+from denoc_ros.identification.tracking.tracked_recording import NORMAL
+from denoc_ros.reports.figures import Curve, Ink, Panel, line_figure
+from denoc_ros.reports.pages import (
+    UNKNOWN,
+    Card,
+    PageSection,
+    PageTable,
+    ReportPage,
+    Verdict,
+    engineering,
+)
+from denoc_ros.reports.sections import Units
+from denoc_ros.simulation.recorded.replay_bag import MEASURED, Replay
+from denoc_ros.simulation.recorded.residual_friction import TERMS
+from denoc_ros.simulation.recorded.run_files import recording_name
+from denoc_ros.simulation.recorded.run_snapshots import SHOWN_COMPONENTS, notable_deflections
+from denoc_ros.text_table import cell_text
+from denoc_ros.units import deflection_unit
+
+Look = tuple[str, bool]  # colour, dashed
+Summary = Mapping[str, Any]
+
+LOOKS: Mapping[str, Look] = {
+    MEASURED: (Ink.DIFFERENCE, False),
+    'rigid': (Ink.PHASES[0], True),
+    'flexible': (Ink.PHASES[1], True),
+}
+DEFLECTION_LOOKS = ((Ink.TRUTH, False), (Ink.PHASES[2], False), (Ink.PHASES[1], True))
+
+
+def page(
+    replay: Replay, summary: Summary, robot: Robot, provenance: Mapping[str, str]
+) -> ReportPage:
+    """Return the page of a replay."""
+    units = Units.of(robot.tree)
+    path = replay.plan.source.path
+    return ReportPage(
+        title=f'Replay of {recording_name(path)}',
+        subtitle=f'{path.name} · {robot.tree.name} · {replay.duration:.4g} s · '
+        f'{summary["derivative"]}, {summary["cutoff_hz"]:.3g} Hz',
+        verdict=_verdict(summary),
+        cards=_cards(summary),
+        sections=[
+            _torque(replay, summary, units),
+            _shares(summary),
+            _friction(summary, units),
+            _deflection(replay, summary),
+            _adapted(replay),
+            _doubts(summary),
+            _what(summary, robot),
+        ],
+        provenance=provenance,
+    )
+
+
+def _verdict(summary: Summary) -> Verdict:
+    if summary['doubts']:
+        return Verdict(f'{"; ".join(summary["doubts"])}.', 'doubtful')
+    found = [
+        f'the error of the {model} model is {share} % of the measured effort'
+        for model, share in _missed(summary).items()
+    ]
+    if worst := _worst_deflections(summary):
+        percent, name, topic = max(worst)
+        found.append(f'deflection agrees with {topic} to {percent:.2g} % of its peak ({name})')
+    text = '; '.join(found) or f'{summary["samples"]} joint states replayed, none with an effort'
+    return Verdict(f'{text[0].upper()}{text[1:]}.')
+
+
+def _missed(summary: Summary) -> dict[str, str]:
+    """Unexplained share of the measured effort by model, rms of all joints [%], in words."""
+    shares = {}
+    for model, joints in summary['torque'].items():
+        square = sum(one['rms'] ** 2 for one in joints.values())
+        whole = sum(one['measured_rms'] ** 2 for one in joints.values())
+        if whole:
+            share = 100.0 * (square / whole) ** 0.5
+            shares[model] = f'{float(f"{share:.3g}"):g}'
+    return shares
+
+
+def _worst_deflections(summary: Summary) -> list[tuple[float, str, str]]:
+    """Return by topic the deflection that agrees least: percent of its peak, name, topic."""
+    found = []
+    for topic, agreements in summary['deflection'].items():
+        percents = [
+            (_share_of_peak(one), name, topic)
+            for name, one in agreements.items()
+            if one['measured_peak'] and name.rpartition('/')[2] in ('uy', 'uz')
+        ]
+        found += [max(percents)] if percents else []
+    return found
+
+
+def _share_of_peak(agreement: Mapping[str, float]) -> float:
+    """Return the error of a deflection as a percentage of its peak."""
+    return 100.0 * agreement['rms'] / agreement['measured_peak']
+
+
+def _cards(summary: Summary) -> list[Card]:
+    cards = [Card('Joint states', f'{summary["samples"]}', summary['joint_states'])]
+    for model, share in _missed(summary).items():
+        cards.append(Card(f'Off by, {model}', f'{share} %', 'of the effort, rms'))
+    for percent, name, topic in _worst_deflections(summary):
+        cards.append(Card('Deflection, worst', f'{percent:.2g} %', f'{name} over {topic}'))
+    return cards
+
+
+def _torque(replay: Replay, summary: Summary, units: Units) -> PageSection:
+    traces = replay.torque_traces
+    figures = []
+    for model in (name for name in traces if name != MEASURED):
+        shown = [MEASURED, model] if replay.torque else [model]
+        panels = [
+            Panel(
+                joint,
+                units.effort(joint),
+                [
+                    Curve(name, LOOKS[name][0], *traces[name].curve(joint), LOOKS[name][1])
+                    for name in shown
+                ],
+            )
+            for joint in replay.plan.joints
+        ]
+        figures.append(line_figure(panels))
+    head = ['joint', 'effort rms']
+    head += [f'{m}: {what}' for m in summary['torque'] for what in ('rms', 'bias', 'lag')]
+    rows = []
+    for joint in replay.plan.joints:
+        models = [model[joint] for model in summary['torque'].values() if joint in model]
+        row = [joint]
+        for k, one in enumerate(models):
+            row += [engineering(one['measured_rms'], units.effort(joint))] if k == 0 else []
+            row += [
+                engineering(one['rms'], units.effort(joint)),
+                engineering(one['bias'], units.effort(joint)),
+                UNKNOWN if one['lag'] is None else engineering(one['lag'], 's'),
+            ]
+        rows.append(row)
+    title = 'torque: measured, and measured minus computed'
+    return PageSection(
+        'Torque',
+        'Measured effort and that of the models for the recorded motion. rms and bias are of '
+        'measured minus computed. A positive lag means that the measured effort is later, a dash '
+        'that the two are too different.',
+        figures,
+        [PageTable(head, rows, title=title)] if summary['torque'] else [],
+    )
+
+
+def _shares(summary: Summary) -> PageSection:
+    shares = summary['shares']
+    rows = [
+        [joint, *(_percent(share[joint]) for share in shares.values())]
+        for joint in summary['joints']
+    ]
+    of = 'measured effort' if summary['torque'] else 'computed torque'
+    return PageSection(
+        'What explains it',
+        f'Share of the {of}, mean square, that each term of the best model explains; a term that '
+        'opposes it has a negative share. With the unexplained rest they add up to 100 %.',
+        [],
+        [PageTable(['joint', *shares], rows, title=f'shares of the {of}, mean square')],
+    )
+
+
+def _friction(summary: Summary, units: Units) -> PageSection | None:
+    if summary['friction'] is None:
+        return None
+    head = ('joint', *TERMS, 'rms before', 'rms after', 'explained')
+    rows = []
+    for joint, fit in summary['friction'].items():
+        cells = []
+        for term in TERMS:
+            formal, spread = (
+                fit[f'standard_error_{kind}'][term] for kind in ('formal', 'by_window')
+            )
+            known = formal is not None and spread is not None
+            errors = f' ± {spread:.2g} (formally {formal:.2g})' if known else ''
+            cells.append(f'{fit[term]:.4g}{errors}')
+        rms = [
+            engineering(fit[f'rms_{when}'], units.effort(joint)) for when in ('before', 'after')
+        ]
+        rows.append([joint, *cells, *rms, _percent(fit['explained'])])
+    return PageSection(
+        'Friction, fitted',
+        'viscous · rate + coulomb · tanh(rate / 1e-3) + offset, SI units, fitted to the '
+        'residual of the model without joint friction, and used here. Standard errors assume '
+        'residuals that are correlated over one second; those in brackets assume independent '
+        'samples, which they are not.',
+        [],
+        [PageTable(head, rows, title='friction, fitted, SI units')],
+    )
+
+
+def _deflection(replay: Replay, summary: Summary) -> PageSection | None:
+    shown = _shown(replay)
+    if not shown:
+        return None
+    topics = [*(topic for topic in replay.deflection_traces if topic != 'replay'), 'replay']
+    panels = [
+        Panel(
+            name,
+            deflection_unit(name),
+            [
+                Curve(topic.strip('/'), colour, *replay.deflection_traces[topic].curve(name), dash)
+                for topic, (colour, dash) in zip(topics, DEFLECTION_LOOKS, strict=False)
+            ],
+        )
+        for name in shown
+    ]
+    rows = [
+        [
+            topic,
+            name,
+            *(engineering(one[key], deflection_unit(name)) for key in ('measured_peak', 'rms')),
+            f'{_share_of_peak(one):.2g} %' if one['measured_peak'] else UNKNOWN,
+        ]
+        for topic, agreements in summary['deflection'].items()
+        for name, one in agreements.items()
+        if name in shown
+    ]
+    head = ('topic', 'deflection', 'peak', 'replay off by, rms', 'of the peak')
+    return PageSection(
+        'Deflection of the flexible links',
+        'Tip deflection in the beam frame along the recorded joint motion, beside that of the '
+        'bag.',
+        [line_figure(panels)],
+        [PageTable(head, rows, title='deflection')] if rows else [],
+    )
+
+
+def _shown(replay: Replay) -> list[str]:
+    """Return the deflections that matter, by their largest value among those of a kind."""
+    traces = replay.deflection_traces['replay']
+    names = [name for name in traces.names if name.rpartition('/')[2] in SHOWN_COMPONENTS]
+    peaks = {name: float(abs(traces.curve(name)[1]).max(initial=0.0)) for name in names}
+    return notable_deflections(peaks)
+
+
+def _adapted(replay: Replay) -> PageSection | None:
+    found = replay.adapted
+    if found is None:
+        return None
+    panels, rows = [], []
+    for k, path in enumerate(found.paths):
+        value, half = found.values[:, k], NORMAL * found.deviations[:, k]
+        curves = [Curve('value', Ink.PHASES[0], found.t, value)]
+        for side in (value - half, value + half):
+            held = np.clip(side, *found.bounds[k])
+            curves.append(Curve('95 % interval', Ink.TRUTH, found.t, held, dashed=True))
+        panels.append(Panel(path, '', curves))
+        last = f'{found.last[k]:.5g}' + (f' ± {half[-1]:.2g}' if len(half) else '')
+        low, high = found.bounds[k]
+        supported = 'yes' if found.supported[k] else 'no'
+        rows.append([path, f'{found.start[k]:.5g}', last, supported, f'{low:.4g} to {high:.4g}'])
+    title = 'tracked numbers, SI units (95 %)'
+    title += f'; at the end: {found.cause}' if found.cause else ''
+    return PageSection(
+        'Tracked numbers',
+        'Numbers of the model as the predictor tracks them with `adapt`, SI units, within their '
+        'bounds. Values change only while the motion shows them. The rest of the model may be off '
+        f'by {100.0 * found.model_error:.2g} % of its torques.',
+        [line_figure(panels)] if len(found.t) else [],
+        [PageTable(('number', 'start', 'last', 'supported', 'bounds'), rows, title=title)],
+    )
+
+
+def _doubts(summary: Summary) -> PageSection | None:
+    if not summary['doubts']:
+        return None
+    return PageSection(
+        'Doubtful', '', [], [PageTable(('what',), [[doubt] for doubt in summary['doubts']])]
+    )
+
+
+def _what(summary: Summary, robot: Robot) -> PageSection:
+    keys = ('joint_states', 'effort', 'samples', 'incomplete', 'repeated', 'motions', 'period_s')
+    rows = [[key.replace('_', ' '), cell_text(summary[key])] for key in keys]
+    for key in ('joints', 'held_joints', 'ignored_joints'):
+        rows.append([key.replace('_', ' '), ', '.join(summary[key]) or UNKNOWN])
+    rows += [[path, f'{value}'] for path, value in robot.tree.overrides.items()]
+    return PageSection(
+        'What was replayed',
+        'The recording, the settings, and the changes of the robot.',
+        [],
+        [PageTable((), rows)],
+    )
+
+
+def _percent(share: float | None) -> str:
+    return UNKNOWN if share is None else f'{100.0 * share:.1f} %'
+
+
+def lines(shown: ReportPage, summary: Summary) -> Iterator[str]:
+    """Yield a replay's numbers as lines of text for the terminal: the tables of its page."""
+    yield (
+        f'{summary["bag"]}: {summary["samples"]} joint states in {summary["duration_s"]:.4g} s, '
+        f'{summary["derivative"]} {summary["cutoff_hz"]:.3g} Hz'
+    )
+    for what in ('held_joints', 'ignored_joints'):
+        if summary[what]:
+            yield f'  {what.replace("_", " ")}: {", ".join(summary[what])}'
+    for section in filter(None, shown.sections):
+        yield from (table.text() for table in section.tables if table.title)
+    if summary['output']:
+        yield f'bag     {summary["output"]}'
+    for doubt in summary['doubts']:
+        yield f'doubtful: {doubt}'

@@ -1,0 +1,1 @@
+"""Input messages: read, judged, counted."""

@@ -1,0 +1,1 @@
+"""Limits and safe torque."""

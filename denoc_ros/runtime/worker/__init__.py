@@ -1,0 +1,1 @@
+"""A process that does long computations for a node."""

@@ -1,0 +1,404 @@
+"""A recorded run replayed through a model: a bag with computed topics, and their fit."""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from denoc_ros.bags.joint_state import JOINT_STATE, JointStateMessage
+from denoc_ros.bags.reader import DESCRIPTION_ATTACHMENT, read_raw
+from denoc_ros.bags.series import ODOMETRY_NUMBERS, elapsed, read_numbers
+from denoc_ros.bags.writer import BagWriter
+from denoc_ros.dynamics.base.reacting_base import held_robot
+from denoc_ros.dynamics.driven.measured_side import measured_robot
+from denoc_ros.dynamics.robot import Robot
+from denoc_ros.errors import BagError, SolverError, StateError
+from denoc_ros.estimation.base_track import BaseRecord
+from denoc_ros.estimation.torque_along import TorqueReplay, Torques
+from denoc_ros.identification.tracking.tracked_recording import (
+    Adapted,
+    AdaptSettings,
+    adapted_along,
+)
+from denoc_ros.output_files import require_new, whole_file
+from denoc_ros.simulation.recorded.agreement import Agreement, Comparison, Shares, Traces
+from denoc_ros.simulation.recorded.recorded_stream import LONGEST_GAP, Block, JointStream
+from denoc_ros.simulation.recorded.replay_settings import (
+    PREFIX,
+    ReplayPlan,
+    ReplaySettings,
+    plan_replay,
+)
+from denoc_ros.simulation.recorded.residual_friction import FrictionFit, FrictionFitter
+from denoc_ros.types import Array
+
+Progress = Callable[[float], object]
+Message = tuple[int, str, bytes]  # log time, topic, CDR
+
+MEASURED = 'measured'
+
+
+@dataclass(frozen=True)
+class Replay:
+    """Result of a replay.
+
+    Attributes
+    ----------
+    plan : ReplayPlan
+        What of the bag it went by.
+    held : tuple of str
+        Joints of the robot that stand at 0: neither driven, nor mimics, nor given by loops.
+    settings : ReplaySettings
+        How it was made.
+    duration : float
+        From the first to the last joint state [s].
+    samples, incomplete, repeated, motions : int
+        Joint states replayed; left out because a joint is missing; left out because they are not
+        later than one before; stretches of motion without a gap or jump.
+    period, cutoff : float
+        Usual time between joint states [s], and the cutoff as used [Hz].
+    torque : dict of str to Agreement
+        The measured effort over that of each model, by joint; empty where none was measured.
+    commanded : Agreement or None
+        The feedforward's effort over the best model's.
+    shares : dict of str to (joints,) array
+        What each term explains of the measured effort (of the computed one where none was
+        measured).
+    friction : FrictionFit or None
+        Where it was asked for.
+    deflection_names : tuple of str
+        `link/ux` ... `link/rz`.
+    deflection : dict of str to Agreement
+        By topic that has deflections: over the predicted ones.
+    torque_traces : dict of str to Traces
+        measured and each model: by joint.
+    deflection_traces : dict of str to Traces
+        replay and each topic that has deflections.
+    adapted : Adapted or None
+        Numbers of the robot over time, where they were asked for.
+    """
+
+    plan: ReplayPlan
+    held: tuple[str, ...]
+    settings: ReplaySettings
+    duration: float
+    samples: int
+    incomplete: int
+    repeated: int
+    motions: int
+    period: float
+    cutoff: float
+    torque: dict[str, Agreement]
+    commanded: Agreement | None
+    shares: dict[str, Array]
+    friction: FrictionFit | None
+    deflection_names: tuple[str, ...]
+    deflection: dict[str, Agreement]
+    torque_traces: dict[str, Traces]
+    deflection_traces: dict[str, Traces]
+    adapted: Adapted | None = None
+
+
+def replay_bag(
+    bag: str | Path,
+    robot: Robot,
+    output: str | Path | None = None,
+    settings: ReplaySettings | None = None,
+    progress: Progress | None = None,
+    adapt: AdaptSettings | None = None,
+) -> Replay:
+    """Recompute torque and deflection along the motion that a bag has.
+
+    Parameters
+    ----------
+    bag : str or Path
+        A rosbag2 folder, a bare `.mcap` or a bare `.db3` file.
+    robot : Robot
+        The model; joints are matched by name.
+    output : str or Path, optional
+        A new bag: all that was recorded, byte by byte, with the topics `/replay/rigid/effort`
+        and, for flexible robots, `/replay/flexible/effort`, `/replay/tip_deflection` and
+        `/replay/modal_state` beside it (the last with elastic joints as well). None: nothing is
+        written.
+    settings : ReplaySettings, optional
+        How.
+    progress : callable, optional
+        Called with the share of the work that was done since the last call.
+    adapt : AdaptSettings, optional
+        Numbers of the robot that are tracked along the motion, as the predictor does it; torques
+        and deflections are those of the robot as it is given.
+
+    Raises
+    ------
+    BagError
+        The bag cannot be read or has no joint states of the robot; the output exists or cannot be
+        written.
+    ModelError
+        The robot has loops and flexible links, or loops on a base that moves.
+    ConfigError
+        Numbers that cannot be tracked.
+    StateError, SolverError
+        Joints that leave a mechanism free or are tied to each other; loops that do not close; a
+        base that floats in a way the bag does not tell.
+    """
+    settings = settings or ReplaySettings()
+    work = _Work(Path(bag), robot, settings, progress)
+    adapted = work.adapted(adapt) if adapt is not None and adapt.paths else None
+    if output is None:
+        for _ in work.messages():
+            pass
+    else:
+        _write(work, Path(bag), Path(output))
+    return replace(work.result(), adapted=adapted)
+
+
+def _write(work: _Work, bag: Path, output: Path) -> None:
+    require_new(output)
+    # half a bag would pass for a whole one
+    with whole_file(output, parents=True) as unfinished, BagWriter(unfinished) as writer:
+        writer.attach(DESCRIPTION_ATTACHMENT, work.description)
+        for topic in work.plan.contents.topics:
+            if not topic.name.startswith(PREFIX):
+                writer.add_topic(topic.name, topic.type, topic.qos, topic.definition)
+        for name in work.topics:
+            writer.add_topic(name, JOINT_STATE)
+        made = ((*message, JOINT_STATE) for message in work.messages())
+        for log_ns, topic_name, raw, kind in heapq.merge(
+            _recorded(bag), made, key=lambda message: message[0]
+        ):
+            writer.write(topic_name, log_ns, raw, type_name=kind)
+
+
+def _recorded(bag: Path) -> Iterator[tuple[int, str, bytes, str]]:
+    """Yield the recorded messages, each with its type, without those of an older replay."""
+    for topic, kind, log_ns, raw in read_raw(bag):
+        if not topic.startswith(PREFIX):
+            yield log_ns, topic, raw, kind
+
+
+def _torques(model: TorqueReplay, t: Array, block: Block) -> Torques:
+    try:
+        return model.torques(t, block.motion, block.starts)
+    except SolverError as error:
+        q, qd = (np.abs(each).max() for each in (block.motion.q, block.motion.qd))
+        raise SolverError(
+            f'joint states from {t[0]:.3f} to {t[-1]:.3f} s must be a motion that the model can '
+            f'make, got positions up to {q:.3g} (rad, m), rates up to {qd:.3g} per s: {error}'
+        ) from error
+
+
+def _encoded(
+    block: Block, torques: Torques, encoders: dict[str, JointStateMessage]
+) -> Iterator[Message]:
+    """Yield a block's messages, row by row."""
+    motion = (block.motion.q, block.motion.qd)
+    values: dict[str, tuple[Array, ...]] = {
+        f'{PREFIX}{model}/effort': (*motion, torque) for model, torque in torques.models.items()
+    }
+    if torques.deflection is not None:
+        values[f'{PREFIX}tip_deflection'] = tuple(torques.deflection)
+    if torques.modal is not None:
+        values[f'{PREFIX}modal_state'] = tuple(torques.modal)
+    for k, (stamp_ns, log_ns) in enumerate(
+        zip(block.stamp_ns.tolist(), block.log_ns.tolist(), strict=True)
+    ):
+        for topic, encoder in encoders.items():
+            yield log_ns, topic, encoder.encode(stamp_ns, *(part[k] for part in values[topic]))
+
+
+class _Work:
+    """One replay under way."""
+
+    def __init__(
+        self, bag: Path, robot: Robot, settings: ReplaySettings, progress: Progress | None
+    ) -> None:
+        floats = len(robot.base_indices) > 0
+        robot = measured_robot(held_robot(robot))
+        self.plan = plan_replay(bag, robot, settings, floats)
+        self._base: BaseRecord | None = None
+        self._base_span = -np.inf, np.inf
+        self._settings = settings
+        self._progress = progress
+        self._passes = 2 if settings.fit_friction else 1
+        turns = [robot.tree.joints[joint].continuous for joint in self.plan.joints]
+        self._stream = JointStream(self.plan.source, settings.derivative, settings.cutoff, turns)
+        self._origin_ns = -1
+        self._read_base(bag, floats)
+        self._robot = robot
+        self._samples = self._motions = 0
+        self._duration = 0.0
+        self._fit = self._fitted() if settings.fit_friction else None
+        friction = None if self._fit is None else self._fit.friction
+        posture, base = self.plan.posture, self._base
+        self._model = TorqueReplay(robot, self.plan.joints, posture, friction, base=base)
+        self._names = self._model.deflections.names
+        joints = self.plan.joints
+        measured = (MEASURED, *self._model.models)
+        self._torque: dict[str, Comparison] = {}
+        self._commanded: Comparison | None = None
+        self._deflection: dict[str, Comparison] = {}
+        self._shares, self._shares_computed = Shares(len(joints)), Shares(len(joints))
+        self._torque_traces = {name: Traces(joints) for name in measured}
+        self._deflection_traces = {
+            name: Traces(self._names) for name in ('replay', *self.plan.deflections)
+        }
+
+    @property
+    def description(self) -> str:
+        """Description of the computed robot: a base with a known motion is held."""
+        return self._robot.tree.source
+
+    def _read_base(self, bag: Path, floats: bool) -> None:
+        """Read how the base moved, on the clock of the rows."""
+        if not self.plan.base:
+            return
+        settings, where = self._settings, f'{bag}: {self.plan.base}'
+        stamp_ns, moved = read_numbers(bag, self.plan.base, ODOMETRY_NUMBERS, settings.stamp)
+        rising = np.flatnonzero(np.diff(stamp_ns, prepend=-1) > 0)
+        self._origin_ns = int(next(iter(self._stream)).stamp_ns[0])
+        t = elapsed(stamp_ns[rising], self._origin_ns)
+        poses, twists = moved[rising, :7], moved[rising, 7:]
+        longest = float(np.diff(t).max(initial=0.0))
+        if longest > LONGEST_GAP:
+            raise BagError(
+                f'{where} must say how the base moves at least every {LONGEST_GAP:g} s, got a '
+                f'gap of {longest:.3g} s'
+            )
+        self._base_span = float(t[0]) - LONGEST_GAP, float(t[-1]) + LONGEST_GAP
+        try:
+            self._base = BaseRecord(t, poses, twists, settings.derivative, settings.cutoff)
+        except StateError as error:
+            raise BagError(f'{where}: {error}') from error
+        self._base.floats = floats
+
+    @property
+    def topics(self) -> tuple[str, ...]:
+        """Topics written beside the recorded ones."""
+        efforts = [f'{PREFIX}{model}/effort' for model in self._model.models]
+        tips = [f'{PREFIX}tip_deflection'] if self._names else []
+        modal = [f'{PREFIX}modal_state'] if self._model.has_modes else []
+        return (*efforts, *tips, *modal)
+
+    def messages(self) -> Iterator[Message]:
+        """Go through the bag; yield the computed rows of each joint state, by log time."""
+        self._samples = self._motions = 0
+        encoders = self._encoders()
+        for block in self._stream:
+            t = self._times(block)
+            torques = _torques(self._model, t, block)
+            self._judge(t, block, torques)
+            self._samples += len(t)
+            self._motions += int(np.count_nonzero(block.starts))
+            self._duration = float(t[-1])
+            yield from _encoded(block, torques, encoders)
+            self._advance(block)
+
+    def result(self) -> Replay:
+        """Return the result."""
+        measured = {name: one.result() for name, one in self._torque.items()}
+        known = any(one.samples.any() for one in measured.values())
+        return Replay(
+            plan=self.plan,
+            held=self._model.held,
+            settings=self._settings,
+            duration=self._duration,
+            samples=self._samples,
+            incomplete=self._stream.incomplete,
+            repeated=self._stream.repeated,
+            motions=self._motions,
+            period=self._stream.period,
+            cutoff=self._stream.cutoff,
+            torque=measured if known else {},
+            commanded=None if self._commanded is None else self._commanded.result(),
+            shares=(self._shares if known else self._shares_computed).result(),
+            friction=self._fit,
+            deflection_names=self._names,
+            deflection={topic: one.result() for topic, one in self._deflection.items()},
+            torque_traces=self._torque_traces,
+            deflection_traces=self._deflection_traces,
+        )
+
+    def adapted(self, adapt: AdaptSettings) -> Adapted:
+        """Go through the bag once for the numbers that are tracked."""
+        return adapted_along(self._robot, self.plan, self._settings, adapt, self._base)
+
+    def _fitted(self) -> FrictionFit:
+        """Go through the bag once for the friction alone."""
+        posture, base = self.plan.posture, self._base
+        model = TorqueReplay(self._robot, self.plan.joints, posture, base=base)
+        fitter = FrictionFitter(len(self.plan.joints))
+        samples = 0
+        for block in self._stream:
+            t = self._times(block)
+            torques = _torques(model, t, block)
+            effort = self._effort(block)
+            samples += int(np.count_nonzero(np.isfinite(effort)))
+            fitter.add(t, block.motion.qd, effort - model.without_friction(torques))
+            self._advance(block)
+        if not samples:
+            raise BagError(
+                f'{self.plan.source.path}: {self.plan.effort or self.plan.source.topic} must have '
+                'measured effort to fit friction to, got none'
+            )
+        return fitter.fit()
+
+    def _times(self, block: Block) -> Array:
+        if self._origin_ns < 0:
+            self._origin_ns = int(block.stamp_ns[0])
+        t = elapsed(block.stamp_ns, self._origin_ns)
+        first, last = self._base_span
+        if t[0] < first or t[-1] > last:
+            raise BagError(
+                f'{self.plan.source.path}: {self.plan.base} must say how the base moves while '
+                f'joints do, {t[0]:.3f} to {t[-1]:.3f} s, got {first:.3f} to {last:.3f} s'
+            )
+        return t
+
+    def _advance(self, block: Block) -> None:
+        if self._progress is not None:
+            self._progress(len(block.stamp_ns) / (self.plan.messages * self._passes))
+
+    def _effort(self, block: Block) -> Array:
+        if self.plan.effort:
+            return block.beside[self.plan.effort].select(self.plan.joints).values
+        return block.effort
+
+    def _judge(self, t: Array, block: Block, torques: Torques) -> None:
+        effort = self._effort(block)
+        self._torque_traces[MEASURED].add(t, effort)
+        for name, computed in torques.models.items():
+            self._torque_traces[name].add(t, computed)
+            comparison = self._torque.setdefault(name, self._comparison(effort.shape[1]))
+            comparison.add(t, effort, computed, block.starts)
+        self._shares.add(effort, torques.parts)
+        self._shares_computed.add(torques.best, torques.parts)
+        if self.plan.commanded:
+            commanded = block.beside[self.plan.commanded].select(self.plan.joints).values
+            self._commanded = self._commanded or self._comparison(commanded.shape[1])
+            self._commanded.add(t, commanded, torques.best, block.starts)
+        if torques.deflection is None:
+            return
+        self._deflection_traces['replay'].add(t, torques.deflection[0])
+        for topic in self.plan.deflections:
+            other = block.beside[topic].select(self._names).values
+            self._deflection_traces[topic].add(t, other)
+            comparison = self._deflection.setdefault(topic, self._comparison(other.shape[1]))
+            comparison.add(t, other, torques.deflection[0], block.starts)
+
+    def _comparison(self, columns: int) -> Comparison:
+        return Comparison(columns, self._stream.period)
+
+    def _encoders(self) -> dict[str, JointStateMessage]:
+        motion, full = ('position', 'velocity'), ('position', 'velocity', 'effort')
+        names = {
+            f'{PREFIX}tip_deflection': (self._names, motion),
+            f'{PREFIX}modal_state': (self._model.whole.names, motion),
+        }
+        return {
+            topic: JointStateMessage(*names.get(topic, (self.plan.joints, full)))
+            for topic in self.topics
+        }

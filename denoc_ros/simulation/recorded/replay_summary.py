@@ -1,0 +1,129 @@
+"""A replay's numbers as plain mappings, ready for JSON; unknown numbers are None."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from denoc_ros.identification.tracking.tracked_recording import NORMAL, Adapted
+from denoc_ros.output_files import plain
+from denoc_ros.simulation.recorded.agreement import Agreement
+from denoc_ros.simulation.recorded.replay_bag import Replay
+from denoc_ros.simulation.recorded.residual_friction import TERMS, FrictionFit
+
+SAMPLES = 2000  # of a number over time, at most
+FEW = 0.01  # of all joint states may be left out, of a torque count for nothing
+FAR = 2.0  # standard errors below zero are no chance
+
+
+def summarize(replay: Replay) -> dict[str, Any]:
+    """Return input and result of a replay: SI units, by joint and by deflection."""
+    joints, names = replay.plan.joints, replay.deflection_names
+    return {
+        'bag': str(replay.plan.source.path),
+        'joint_states': replay.plan.source.topic,
+        'effort': replay.plan.effort or replay.plan.source.topic,
+        'derivative': replay.settings.derivative,
+        'cutoff_hz': replay.cutoff,
+        'period_s': replay.period,
+        'duration_s': replay.duration,
+        'samples': replay.samples,
+        'incomplete': replay.incomplete,
+        'repeated': replay.repeated,
+        'motions': replay.motions,
+        'joints': list(joints),
+        'held_joints': list(replay.held),
+        'ignored_joints': list(replay.plan.ignored),
+        'torque': {model: _agreement(joints, one) for model, one in replay.torque.items()},
+        'commanded': None if replay.commanded is None else _agreement(joints, replay.commanded),
+        'shares': {name: _by_name(joints, share) for name, share in replay.shares.items()},
+        'friction': None if replay.friction is None else _friction(joints, replay.friction),
+        'deflection': {topic: _agreement(names, one) for topic, one in replay.deflection.items()},
+        'adapted': None if replay.adapted is None else _adapted(replay.adapted),
+        'doubts': doubts(replay),
+    }
+
+
+def doubts(replay: Replay) -> list[str]:
+    """Return the doubts about a replay's numbers, in words."""
+    found = []
+    left_out = replay.incomplete + replay.repeated
+    if left_out > FEW * (left_out + replay.samples):
+        found.append(
+            f'{left_out} of {left_out + replay.samples} joint states were left out: '
+            f'{replay.incomplete} without every joint, {replay.repeated} with stamps that do not '
+            'rise'
+        )
+    if replay.friction is not None:
+        found += _negative_friction(replay.plan.joints, replay.friction)
+    return found
+
+
+def _negative_friction(joints: Sequence[str], fit: FrictionFit) -> list[str]:
+    found = []
+    for term, values in (('viscous', fit.friction.viscous), ('coulomb', fit.friction.coulomb)):
+        column = TERMS.index(term)
+        error = np.nan_to_num(fit.by_window[:, column])
+        matters = fit.size[:, column] > FEW * fit.rms_before
+        for k in np.flatnonzero((values < -FAR * error) & matters).tolist():
+            found.append(
+                f'{joints[k]}: {term} friction must be >= 0, the fit gives {values[k]:.3g}'
+            )
+    return found
+
+
+def _agreement(names: Sequence[str], one: Agreement) -> dict[str, dict[str, float | None]]:
+    """Return an agreement by column, without the columns that have no sample."""
+    columns = {name: _by_name(names, values) for name, values in vars(one).items()}
+    counts = columns.pop('samples')
+    return {
+        name: {measure: values[name] for measure, values in columns.items()}
+        for name in names
+        if counts[name]
+    }
+
+
+def _friction(joints: Sequence[str], fit: FrictionFit) -> dict[str, dict[str, Any]]:
+    rows = {}
+    for k, joint in enumerate(joints):
+        values = zip(TERMS, vars(fit.friction).values(), strict=True)
+        row: dict[str, Any] = {term: float(value[k]) for term, value in values}
+        for kind, errors in (('formal', fit.formal), ('by_window', fit.by_window)):
+            row[f'standard_error_{kind}'] = dict(zip(TERMS, map(plain, errors[k]), strict=True))
+        for measure in ('rms_before', 'rms_after', 'explained'):
+            row[measure] = plain(getattr(fit, measure)[k])
+        rows[joint] = row
+    return rows
+
+
+def _adapted(found: Adapted) -> dict[str, Any]:
+    """Return numbers over time: all the times, or as many as a line can show."""
+    shown = np.unique(np.linspace(0, len(found.t) - 1, SAMPLES).astype(int))[: len(found.t)]
+    half = NORMAL * found.deviations
+    numbers = {}
+    for k, path in enumerate(found.paths):
+        last = plain(half[-1, k]) if len(half) else None
+        numbers[path] = {
+            'start': float(found.start[k]),
+            'bounds': found.bounds[k].tolist(),
+            'value': float(found.last[k]),
+            'half_interval': last,
+            'supported': bool(found.supported[k]),
+            'values': found.values[shown, k].tolist(),
+            'half_intervals': half[shown, k].tolist(),
+        }
+    return {
+        'time_s': found.t[shown].tolist(),
+        'numbers': numbers,
+        'cause': found.cause,
+        'model_error': found.model_error,
+        'restarts': found.restarts,
+        'model_failures': found.failures,
+    }
+
+
+def _by_name(names: Sequence[str], values: NDArray[Any]) -> dict[str, float | None]:
+    return dict(zip(names, map(plain, values), strict=True))

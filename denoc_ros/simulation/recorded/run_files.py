@@ -1,0 +1,143 @@
+"""The files of a run: its bag and its session file."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from denoc_ros.dynamics.robot import Robot
+from denoc_ros.errors import BagError
+from denoc_ros.model.reading.findings import as_text
+from denoc_ros.model.reading.mapping_reader import (
+    NUMBER,
+    TEXT,
+    MappingReader,
+    Rule,
+    are_numbers,
+)
+
+EARTH = (0.0, 0.0, -9.81)  # m/s^2, where nothing is said
+FORMATS = ('.mcap', '.db3', '.csv', '.tsv', '.txt', '.dat', '.mat', '.json')
+BAG_FOLDER = 'bag'
+SESSION_FILE = 'session.json'
+LATEST_NS = 2**63  # stamps of messages and bags are below [ns]
+SIMULATED = 'simulate'  # kind of a session
+STEPPED = 'simulated'  # mode of a session's time
+
+
+def recording_name(path: Path) -> str:
+    """Name of a recording: the file's without the suffix of its format.
+
+    A dot in the name of a folder is no suffix: `run_0.55s` is not `run_0`.
+    """
+    name = path.resolve().name
+    return next((name[: -len(end)] for end in FORMATS if name.lower().endswith(end)), name)
+
+
+def find_bag(run_path: Path) -> Path:
+    """Return the bag of a run's directory, or the bag itself."""
+    if not run_path.exists():
+        raise BagError(f'{run_path}: run must be a directory or a bag, got nothing there')
+    inside = run_path / BAG_FOLDER
+    return inside if inside.is_dir() else run_path
+
+
+def plant_of(robot: Robot, session: Mapping[str, Any]) -> Robot:
+    """Return the robot whose states a run recorded: the file's as the session changed it.
+
+    Raises
+    ------
+    ConfigError, ModelError
+        The session's paths are not of this robot.
+    """
+    overrides = {**session.get('plant', {}), **session.get('model', {})}
+    return robot.with_overrides(overrides) if overrides else robot
+
+
+def read_session(run_path: Path) -> dict[str, Any]:
+    """Return the session document of a run's directory, or of a bag of `denoc simulate`.
+
+    It is empty where there is none.
+
+    Raises
+    ------
+    BagError
+        It is no JSON.
+    ConfigError
+        Its values are of other kinds than those that sessions have; every finding.
+    """
+    from denoc_ros.bags.reader import SESSION_ATTACHMENT, read_attachment
+
+    file = run_path / SESSION_FILE
+    try:
+        if file.is_file():
+            text = file.read_bytes()
+        else:
+            text = read_attachment(run_path, SESSION_ATTACHMENT)
+    except BagError:
+        return {}
+    try:
+        session = json.loads(text)
+        # Python's JSON has numbers and characters that no page and no other JSON can have.
+        json.dumps(session, allow_nan=False, ensure_ascii=False).encode()
+    except (ValueError, RecursionError) as error:
+        raise BagError(f'{run_path}: {SESSION_FILE} must be JSON, got: {error}') from error
+    reader = _SessionReader()
+    document = reader.session(session)
+    reader.finish(f'{run_path}: {SESSION_FILE}')
+    return document
+
+
+class _SessionReader(MappingReader):
+    """Checks the document that a session or a simulation wrote, as far as it is read."""
+
+    def session(self, document: Any) -> dict[str, Any]:
+        """Return the values that are given: null gives none."""
+        given = self.mapping('the document', document).items()
+        values = {name: value for name, value in given if value is not None}
+        self.check('', values, SESSION_RULES)
+        for name in ('model', 'plant'):
+            self.check_all(name, values.get(name), OVERRIDE)
+        self.check_all('versions', values.get('versions'), TEXT)
+        self.check('time.', self.mapping('time', values.get('time')), TIME_RULES)
+        for whose, phase in self.entries('phases', values.get('phases')):
+            self._phase(whose, phase)
+        for whose, note in self.entries('notes', values.get('notes')):
+            self.check('', {whose: note}, {whose: TEXT})
+        return values
+
+    def _phase(self, whose: str, phase: Any) -> None:
+        values = self.mapping(whose, phase)
+        self.check(f'{whose}.', {**dict.fromkeys(PHASE_RULES), **values}, PHASE_RULES)
+        begin_ns: Any = values.get('begin_ns')
+        end_ns: Any = values.get('end_ns')
+        if _is_stamp(begin_ns) and _is_stamp(end_ns) and end_ns < begin_ns:
+            self.fail(f'{whose}.end_ns', f'be {begin_ns} or more', end_ns)
+
+
+def _is_stamp(value: Any) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool) and 0 <= value < LATEST_NS
+
+
+STAMP: Rule = (_is_stamp, 'a whole number of ns from 0 to 2^63')
+OVERRIDE: Rule = (lambda value: as_text(value) is not None, 'a number, a text or some of them')
+SESSION_RULES: dict[str, Rule] = {
+    **dict.fromkeys(
+        ('kind', 'name', 'robot', 'tip', 'command', 'scenario', 'failure', 'beams'), TEXT
+    ),
+    'gravity': (
+        lambda value: are_numbers(value) and len(value) == 3,
+        'three finite numbers [m/s^2]',
+    ),
+    'geometric_stiffness': (lambda value: isinstance(value, bool), 'true or false'),
+}
+TIME_RULES: dict[str, Rule] = {
+    'mode': TEXT, 'why': TEXT, 'begun_ns': STAMP, 'factor': NUMBER,
+}  # fmt: skip
+PHASE_RULES: dict[str, Rule] = {
+    'name': TEXT,
+    'begin_ns': STAMP,
+    'end_ns': (lambda value: value is None or _is_stamp(value), f'null or {STAMP[1]}'),
+}
