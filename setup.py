@@ -102,7 +102,7 @@ setup(
     name=NAME,
     version=package_version(),
     packages=find_packages(include=[NAME, f'{NAME}.*']),
-    package_data={NAME: ['py.typed', 'nodes/base/*.xml', 'reports/templates/*.j2']},
+    package_data={NAME: ['py.typed', 'nodes/base/*.xml', 'pages/templates/*.j2']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
         (f'share/{NAME}', ['package.xml', *PAGES, 'CITATION.cff', 'LICENSE']),

@@ -1,6 +1,6 @@
 """Optional parts of the package: what each adds to the core, by names of modules.
 
-A part is a folder with a module `part`, whose `PART` says what the part adds. The core imports no
+A part is a folder whose `PART` says what the part adds. The core imports no
 part: it looks the modules of parts up here. A folder that is removed takes its verbs, nodes and
 parameters with it.
 """
@@ -71,7 +71,7 @@ CORE_NODES = {
 def parts() -> dict[str, Part]:
     """Return the parts that are there, and whose needs are."""
     found: dict[str, Part] = {
-        name: import_module(f'denoc_ros.{name}.part').PART
+        name: import_module(f'denoc_ros.{name}').PART
         for name in PARTS
         if find_spec(f'denoc_ros.{name}') is not None
     }

@@ -15,6 +15,8 @@ from denoc_ros.kernels.algebra.spline import sample_quintics
 from denoc_ros.kernels.jit.compiled import entry
 from denoc_ros.types import Array
 
+KNOTS = ('times', 'q', 'qd', 'qdd')  # names of the arrays that make a spline again
+
 
 class Trajectory(ABC):
     """Positions, velocities and accelerations of n joints over time.

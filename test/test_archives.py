@@ -15,9 +15,9 @@ import openpyxl
 import pytest
 from peak_memory import peak_memory
 
-from denoc_ros.bags.tables import read_table
 from denoc_ros.decompression import require_bounded_archive
 from denoc_ros.errors import BagError, ModelError
+from denoc_ros.identification.tables.tables import read_table
 from denoc_ros.model.beams import link_file
 from denoc_ros.reduction.formats.matrices import read_matrices
 
@@ -132,7 +132,7 @@ def test_a_cell_far_away_does_not_fill_the_memory(tmp_path: Path) -> None:
 CELLS = """
 import struct, sys, resource
 from pathlib import Path
-from denoc_ros.bags.tables import read_table
+from denoc_ros.identification.tables.tables import read_table
 from denoc_ros.errors import BagError
 def element(kind, data):
     return struct.pack('<2I', kind, len(data)) + data + bytes(-len(data) % 8)

@@ -102,7 +102,7 @@ def test_the_planner_imports_what_is_installed(trap: Path) -> None:
             planner.start(time.perf_counter())
             assert time.monotonic() < until
             time.sleep(0.05)
-        while b'planner_process' not in Path(f'/proc/{planner.pid}/cmdline').read_bytes():
+        while b'worker_process' not in Path(f'/proc/{planner.pid}/cmdline').read_bytes():
             assert time.monotonic() < until
             time.sleep(0.05)
         time.sleep(2.0)  # It has imported a module of the folder by then, if any.

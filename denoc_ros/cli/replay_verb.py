@@ -5,13 +5,10 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterator
 from contextlib import contextmanager
-from itertools import chain
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from denoc_ros.bags.joint_table import TableTimes, bag_of_table
-from denoc_ros.bags.tables import is_table
 from denoc_ros.cli.arguments import (
     TIMES,
     add_gravity,
@@ -20,32 +17,27 @@ from denoc_ros.cli.arguments import (
     add_output,
     add_overrides,
     add_pairs,
-    add_row,
     add_settings,
-    number_range,
     overridden,
-    require,
     settings_of,
     unused,
 )
 from denoc_ros.cli.progress import share_bar
 from denoc_ros.cli.provenance import named_file, named_text, provenance
+from denoc_ros.cli.recorded_robot import robot_source
 from denoc_ros.cli.verb_result import VerbResult
 from denoc_ros.cli.verbs import DOUBTFUL
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.errors import BagError
-from denoc_ros.identification.tracking.tracked_recording import AdaptSettings
-from denoc_ros.identification.tracking.tracker_settings import TrackerSettings
 from denoc_ros.output_files import require_new, write_text
-from denoc_ros.reports.replay_page import lines, page
-from denoc_ros.runtime.parameters.predictor_parameters import TRACKER
-from denoc_ros.settings import declared
+from denoc_ros.parts import optional
 from denoc_ros.simulation.recorded.replay_bag import replay_bag
 from denoc_ros.simulation.recorded.replay_settings import ReplaySettings
-from denoc_ros.simulation.recorded.replay_summary import summarize
+from denoc_ros.simulation.recorded.replay_summary import error_rows, lines, summarize
 from denoc_ros.simulation.recorded.run_files import EARTH, find_bag, read_session, recording_name
-from denoc_ros.viewer.view_verb import robot_source
 
+TABLES = 'identification.tables.joint_table'
+TRACKING = 'identification.verbs.replay_options'
 DESCRIPTION = (
     'Read the joint states of a bag (MCAP or db3) or of a table, and compute the torque of the '
     'rigid and of the flexible model and the deflection along them. Write a new bag with these '
@@ -77,18 +69,20 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add_option(
         parser, '--report FILE', "file of the page (default: the new bag's name .html)", type=Path
     )
-    _add_table(parser)
+    if tables := optional(TABLES):
+        _add_table(parser, tables)
     _add_ways(parser)
-    _add_adaptation(parser)
+    if tracking := optional(TRACKING):
+        tracking.add_options(parser)
     add_overrides(parser)
     add_json(parser)
 
 
-def _add_table(parser: argparse.ArgumentParser) -> None:
+def _add_table(parser: argparse.ArgumentParser, tables: Any) -> None:
     group = parser.add_argument_group('tables')
     text = "column of a joint's position, velocity or effort"
     add_pairs(group, '--column JOINT.FIELD=COLUMN', text)
-    add_settings(group, TableTimes, *TIMES)
+    add_settings(group, tables.TableTimes, *TIMES)
 
 
 def _add_ways(parser: argparse.ArgumentParser) -> None:
@@ -106,28 +100,13 @@ def _add_ways(parser: argparse.ArgumentParser) -> None:
     add_settings(parser, ReplaySettings, *own, '--stamp', '--fit-friction')
 
 
-def _add_adaptation(parser: argparse.ArgumentParser) -> None:
-    group = parser.add_argument_group('tracked numbers, as `adapt` of the predictor')
-    add_option(
-        group,
-        '--adapt PATH',
-        'number of the model that is tracked over time: payload.tool.mass, beam.*.ei; repeatable',
-        [],
-    )
-    text = 'its bounds (default: half to one and a half of its value)'
-    add_pairs(group, '--adapt-bounds PATH=LOW:HIGH', text, number_range)
-    rows = declared(TrackerSettings)
-    for field, name in TRACKER.names.items():  # None: not given
-        add_row(group, f'--{name.replace("_", "-")} X', rows[field])
-
-
 def run(args: argparse.Namespace) -> VerbResult:
     """Recompute a run, write bag and page; exit status 2 where the numbers are doubtful."""
     settings = settings_of(ReplaySettings, args, joints=tuple(args.joint))
-    adapt = _adapt_settings(args)
+    tracking = optional(TRACKING)
+    adapt = tracking.adapt_settings(args) if tracking else None
     bag = find_bag(args.bag)
     output = args.output or _default_output(args.bag, bag)
-    report = args.report or unused(output.with_name(f'{recording_name(output)}.html'))
     require_new(None if args.no_output else output)
     robot = _robot(args, bag, read_session(args.bag))
     with _as_bag(args, bag, robot) as recorded, share_bar(quiet=args.json) as bar:
@@ -139,40 +118,36 @@ def run(args: argparse.Namespace) -> VerbResult:
         **summarize(replay),
         'bag': str(bag),
     }
-    name = Path(args.robot).name if args.robot else 'the one in the bag'
-    sources = {'bag': named_file(bag), 'robot': named_text(name, robot.tree.source)}
-    shown = page(replay, summary, robot, provenance(args.command, sources))
-    replaced = ' (replaced)' if report.exists() else ''
-    write_text(report, shown.html())
-    told = chain(lines(shown, summary), [f'report  {report}{replaced}'])
-    return VerbResult(
-        {**summary, 'report': str(report)}, told, DOUBTFUL if summary['doubts'] else 0
-    )
+    told = [*lines(summary, error_rows(summary))]
+    if reports := optional('reports.replay_page'):
+        report = args.report or unused(output.with_name(f'{recording_name(output)}.html'))
+        name = Path(args.robot).name if args.robot else 'the one in the bag'
+        sources = {'bag': named_file(bag), 'robot': named_text(name, robot.tree.source)}
+        shown = reports.page(replay, summary, robot, provenance(args.command, sources))
+        replaced = ' (replaced)' if report.exists() else ''
+        write_text(report, shown.html())
+        told = [*lines(summary, reports.tables(shown)), f'report  {report}{replaced}']
+        summary['report'] = str(report)
+    return VerbResult(summary, told, DOUBTFUL if summary['doubts'] else 0)
 
 
 @contextmanager
 def _as_bag(args: argparse.Namespace, path: Path, robot: Robot) -> Iterator[Path]:
     """Yield the bag to be read: the one that was given, or one made of a table for now."""
-    if not is_table(path):
-        if args.column:
+    tables = optional(TABLES)
+    if tables is None or not tables.is_table(path):
+        if tables is not None and args.column:
             raise BagError(f'{path}: --column must come with a table, got a bag')
         yield path
         return
-    times = settings_of(TableTimes, args)
+    times = settings_of(tables.TableTimes, args)
     with TemporaryDirectory(prefix='denoc-') as folder:
-        yield bag_of_table(path, robot.joint_names, Path(folder, 'table.mcap'), args.column, times)
+        made = Path(folder, 'table.mcap')
+        yield tables.bag_of_table(path, robot.joint_names, made, args.column, times)
 
 
 def _default_output(run: Path, bag: Path) -> Path:
     return Path(f'{recording_name(run)}_replay') if run == bag else run / 'replay'
-
-
-def _adapt_settings(args: argparse.Namespace) -> AdaptSettings:
-    given = {field: getattr(args, name) for field, name in TRACKER.names.items()}
-    given = {field: value for field, value in given.items() if value is not None}
-    if (args.adapt_bounds or given) and not args.adapt:
-        require(['--adapt must name what is tracked where its settings are given, got none'])
-    return AdaptSettings(tuple(args.adapt), args.adapt_bounds, TrackerSettings(**given))
 
 
 def _robot(args: argparse.Namespace, bag: Path, session: dict[str, Any]) -> Robot:

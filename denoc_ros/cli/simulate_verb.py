@@ -39,7 +39,7 @@ from denoc_ros.errors import ConfigError
 from denoc_ros.estimation.setpoints import rounded_setpoints, smoothed
 from denoc_ros.model.reading.source import complete_text
 from denoc_ros.output_files import require_new
-from denoc_ros.reports.report_verb import write_report
+from denoc_ros.parts import required
 from denoc_ros.simulation.recorded.run_files import SIMULATED
 from denoc_ros.simulation.scenario import Scenario, model_settings, scenario_from_config
 from denoc_ros.simulation.simulate import Run
@@ -286,7 +286,8 @@ def run(args: argparse.Namespace) -> VerbResult:
         write_run(result, robot, args.output, description, scenario.reference, bar.update, session)
     summary = {'output': str(args.output), **summarize(robot, result)}
     if args.report:
-        write_report(args.output, args.report, args.command)
+        reports = required('reports.report_verb', '--report')
+        reports.write_report(args.output, args.report, args.command)
         summary['report'] = str(args.report)
     return VerbResult(summary, _lines(summary))
 

@@ -20,6 +20,7 @@ from denoc_ros.cli.interrupts import Interrupts
 from denoc_ros.cli.progress import Progress
 from denoc_ros.cli.provenance import versions
 from denoc_ros.cli.session.node_parameters import check_parameters, session_plant
+from denoc_ros.cli.session.phase_plans import started_on_the_plan
 from denoc_ros.cli.session.processes import Processes, free_domain
 from denoc_ros.cli.session.session import Session, Task, session_nodes
 from denoc_ros.cli.session.session_config import (
@@ -32,15 +33,14 @@ from denoc_ros.cli.session.session_config import (
 )
 from denoc_ros.cli.session.session_file import SessionFile, conclude, print_summary
 from denoc_ros.cli.warmup_verb import compile_all, estimate, kernels
+from denoc_ros.dynamics.driven.motion_plan import Plan
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.errors import ConfigError, DenocError
-from denoc_ros.export.mjcf import SEGMENTS
 from denoc_ros.model.plant_description import description_in_words
 from denoc_ros.model.reading.source import complete_text
-from denoc_ros.planning.shaped_phases import plans_of, started_on_the_plan
+from denoc_ros.parts import optional, required
 from denoc_ros.simulation.reference_motion import trajectory_from_config
 from denoc_ros.terminal_text import say
-from denoc_ros.viewer.outline import tell_missing_meshes
 
 if TYPE_CHECKING:  # an optional extra
     from denoc_ros.nodes.session_client import SessionClient
@@ -173,7 +173,8 @@ def bring_up(
             robot.with_overrides(overrides)
         task = _task(config, robot, bag)
         config = _started_on_the_reference(config, task)
-    tell_missing_meshes(robot, config.robot.parent)
+    if outline := optional('viewer.outline'):  # what the page of the run draws
+        outline.tell_missing_meshes(robot, config.robot.parent)
     config, task = _shaped(config, robot, task, progress)
     folder = new_folder(output)
     environment = {
@@ -268,7 +269,12 @@ def _task(config: SessionConfig, robot: Robot, bag: Path | None) -> Task:
 def _shaped(
     config: SessionConfig, robot: Robot, task: Task, progress: Progress
 ) -> tuple[SessionConfig, Task]:
-    plans = plans_of(config, robot, task.trajectory, task.joints, progress.step)
+    if not any(phase.shape for phase in config.phases):
+        return config, task
+    planner = required('planning.shaped_phases', f'{config.path}: phases: shape')
+    plans: dict[str, Plan] = planner.plans_of(
+        config, robot, task.trajectory, task.joints, progress.step
+    )
     phases = tuple(
         started_on_the_plan(phase, plans[phase.name], task.joints)
         if phase.name in plans
@@ -330,7 +336,8 @@ def _beams(config: SessionConfig, robot: Robot) -> dict[str, Any]:
     )
     given = config.nodes.get('plant', {})
     if given.get('engine') == 'mujoco':
-        plant = f'MuJoCo, {given.get("segments") or SEGMENTS} hinges per beam'
+        engine = required('export.mjcf', f'{config.path}: nodes.plant.engine')
+        plant = f'MuJoCo, {given.get("segments") or engine.SEGMENTS} hinges per beam'
     return {'plant': described, 'beams': f'plant: {plant}; model: {model}'}
 
 

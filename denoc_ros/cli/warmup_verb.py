@@ -17,7 +17,6 @@ from denoc_ros.cli.progress import Progress
 from denoc_ros.dynamics.robot_model import CONSTRAINT_KERNELS, KERNELS
 from denoc_ros.dynamics.stepper import DRIVEN_KERNELS
 from denoc_ros.errors import DenocError
-from denoc_ros.feedback.state_feedback import FEEDBACK_KERNELS
 from denoc_ros.kernels.algebra import kalman, spline
 from denoc_ros.kernels.derivatives import inverse_derivatives
 from denoc_ros.kernels.dynamics import inverse, world
@@ -25,6 +24,7 @@ from denoc_ros.kernels.jit.cache import cache_folder, is_kept
 from denoc_ros.kernels.jit.compiled import DECLARED, kernel_modules, ready
 from denoc_ros.kernels.runtime import fault_bank, message_values, torque_limits
 from denoc_ros.model.reading.urdf import load_tree
+from denoc_ros.parts import optional
 from denoc_ros.python_start import module_words
 from denoc_ros.terminal_text import say
 
@@ -73,8 +73,8 @@ def kernels(loops: bool, plans: bool, feedback: bool = False) -> list[Any]:
             world.frame_jacobian_rows,
             inverse_derivatives.inverse_dynamics_derivatives_rows,
         ]
-    if feedback:
-        found += FEEDBACK_KERNELS
+    if feedback and (part := optional('feedback.state_feedback')):
+        found += part.FEEDBACK_KERNELS
     return _heavy_at_both_ends(found)
 
 

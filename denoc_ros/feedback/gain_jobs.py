@@ -16,10 +16,9 @@ from denoc_ros.feedback.gain_schedule import LOWERED, GainSchedule, design, desi
 from denoc_ros.feedback.model_errors import ModelErrors
 from denoc_ros.feedback.planned_states import motion_along, state_at
 from denoc_ros.feedback.residual_modes import with_residual_modes
-from denoc_ros.trajectories import SplineTrajectory
+from denoc_ros.trajectories import KNOTS, SplineTrajectory
 from denoc_ros.types import Array
 
-KNOTS = ('times', 'q', 'qd', 'qdd')  # arrays that make a trajectory again
 CHANGED = ('joint_bandwidth', *LOWERED)  # settings that a design may change
 ERROR_ARRAYS = ('states', 'torques', 'likely')
 INDICES = ('coordinates', 'joints', 'sensors')
@@ -149,3 +148,10 @@ def read_schedule(
         slowest=Settling(modulus, arrays['slowest_posture'], stiffness, load, *rest),
         errors=errors,
     )
+
+
+def answer(
+    robot: Robot, header: Mapping[str, Any], arrays: Mapping[str, Array]
+) -> tuple[dict[str, Any], dict[str, Array]]:
+    """Return the gains that a job of the worker process asks for."""
+    return schedule_message(read_job(header, arrays).schedule(robot))

@@ -14,6 +14,7 @@ from denoc_ros.dynamics.base.floating_base import require_known_base
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import ConfigError, StateError
 from denoc_ros.estimation.stamp_clock import StampClock
+from denoc_ros.feedback.feedback_parameters import FEEDBACK
 from denoc_ros.feedback.feedback_settings import FeedbackSettings
 from denoc_ros.feedback.gain_jobs import CHANGED
 from denoc_ros.feedback.gain_schedule import require_sensors
@@ -24,7 +25,6 @@ from denoc_ros.feedback.state_feedback import FEEDBACK_KERNELS, RAMP, StateFeedb
 from denoc_ros.kernels.jit.compiled import ready
 from denoc_ros.model.numbers import FAMILIES
 from denoc_ros.runtime.loop.status import ERROR, WARN, Status
-from denoc_ros.runtime.parameters.feedforward_parameters import FEEDBACK
 from denoc_ros.runtime.parameters.parameter_table import Settings
 from denoc_ros.runtime.reference.reference import ReferenceFollower
 from denoc_ros.runtime.safety.torque import STALE_JOINTS

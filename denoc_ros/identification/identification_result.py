@@ -16,7 +16,6 @@ import yaml
 
 from denoc_ros.bags.digest import file_hash
 from denoc_ros.bags.reader import read_description
-from denoc_ros.bags.tables import is_table
 from denoc_ros.dynamics.robot import load_robot
 from denoc_ros.errors import ConfigError, DenocError, IdentificationError
 from denoc_ros.identification.decay.analysis import DecayAnalysis, analyse_decay
@@ -31,6 +30,7 @@ from denoc_ros.identification.decay.damping import USABLE, Assigned, assign_damp
 from denoc_ros.identification.decay.modes import Modes, strongest
 from denoc_ros.identification.decay.record_segments import standing_spans
 from denoc_ros.identification.decay.records import Quality, assess
+from denoc_ros.identification.tables.tables import is_table
 from denoc_ros.model.reading.mapping_reader import NUMBER, TEXT, MappingReader, Rule, is_number
 from denoc_ros.output_files import Document, plain, write_text
 from denoc_ros.yaml_text import read_yaml_file

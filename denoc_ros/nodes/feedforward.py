@@ -196,7 +196,7 @@ class FeedforwardNode(RobotNode):
     ) -> None:
         posture = self.posture(robot, settings)
         self.feedback.build(robot, self.joints, settings, limits, posture, patience)
-        if self.feedback.state.wanted and not self._watches:
+        if self.feedback.needs_watch and not self._watches:
             self._watches = True
             # ticks of simulated time watch by themselves: they wait for the gains
             if not self.clock.is_simulated:
@@ -213,9 +213,9 @@ class FeedforwardNode(RobotNode):
         if self.state != 'active':
             return
         if self.follower.given:
-            self.feedback.state.watch(self.follower, self.q)
+            self.feedback.watch(self.follower, self.q)
         elif self.joint_input.received:
-            self.feedback.state.watch(self.follower, self.motion.position)
+            self.feedback.watch(self.follower, self.motion.position)
 
     # ---- inputs: what is stored here, the tick consumes
 
@@ -291,7 +291,7 @@ class FeedforwardNode(RobotNode):
 
     def cleanup(self) -> None:
         """End the process that designs gains."""
-        self.feedback.state.close()
+        self.feedback.close()
 
     def begin(self) -> None:
         """Start from rest: nothing is known and nothing has left."""
@@ -473,7 +473,7 @@ class FeedforwardNode(RobotNode):
 
     def come_to_rest(self) -> None:
         """Go to the safe command, then say it again."""
-        self.feedback.state.stop()
+        self.feedback.stop()
         if self.by_message:
             return
         self.feedback.rest()
@@ -550,7 +550,7 @@ class FeedforwardNode(RobotNode):
 
     def save(self) -> None:
         """Leave no process behind, whatever hangs."""
-        self.feedback.state.close()
+        self.feedback.close()
 
     # ---- diagnostics
 

@@ -22,7 +22,6 @@ from denoc_ros.dynamics.equilibrium import Equilibrium
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.rotations import quaternion
 from denoc_ros.errors import StateError
-from denoc_ros.export.mjcf import SEGMENTS
 from denoc_ros.kernels.jit.compiled import entry
 from denoc_ros.kernels.runtime.torque_limits import saturate
 from denoc_ros.model.overrides import with_overrides
@@ -33,6 +32,7 @@ from denoc_ros.nodes.base.process import leave, run
 from denoc_ros.nodes.base.robot_node import RobotNode
 from denoc_ros.nodes.base.simulated_time import TimeSource
 from denoc_ros.nodes.sensor_outputs import InertialOutputs, SensorOutputs
+from denoc_ros.parts import required
 from denoc_ros.runtime.inputs.conversions import CommandReader
 from denoc_ros.runtime.inputs.input_monitor import InputError
 from denoc_ros.runtime.inputs.message_numbers import MessageFiller
@@ -175,20 +175,20 @@ class PlantNode(RobotNode):
     def _in_mujoco(
         self, robot: Robot, settings: Settings, start: Array, drives: Drives
     ) -> SimulatedRobot:
-        from denoc_ros.export.mujoco_robot import MujocoRobot, MujocoSettings
-
+        engine = required('export.mujoco_robot', f'{self.get_fully_qualified_name()}: engine')
         if not settings.flag('geometric_stiffness'):
             rule = "parameter 'geometric_stiffness' must be true where 'engine' is mujoco"
             raise self.config_error(f'{rule}, got false')
         assert self.model is not None
         payloads = self.model.plain(settings.family('payload'))
         tree = with_overrides(robot.tree, payloads) if payloads else robot.tree
-        chosen = MujocoSettings(
-            settings.integer('segments') or SEGMENTS,
+        chosen = engine.MujocoSettings(
+            settings.integer('segments') or engine.SEGMENTS,
             settings.text('scene'),
             settings.text('start_deflection') == 'static',
         )
-        return MujocoRobot(robot, tree, self.period, start, drives, chosen)
+        found: SimulatedRobot = engine.MujocoRobot(robot, tree, self.period, start, drives, chosen)
+        return found
 
     def _use(self, simulated: SimulatedRobot) -> None:
         self._simulated, self.robot = simulated, simulated.robot

@@ -22,7 +22,6 @@ from denoc_ros.errors import ConfigError, SolverError, StateError
 from denoc_ros.estimation.observer import Observer
 from denoc_ros.estimation.observer_history import ObserverHistory
 from denoc_ros.estimation.stamp_clock import StampClock
-from denoc_ros.identification.tracking.parameter_tracker import ParameterTracker
 from denoc_ros.kernels.algebra.rotation import write_quaternion
 from denoc_ros.kernels.jit.compiled import ready
 from denoc_ros.nodes.base.denoc_node import DenocNode
@@ -31,13 +30,13 @@ from denoc_ros.nodes.base.process import leave, run
 from denoc_ros.nodes.base.robot_node import RobotNode
 from denoc_ros.nodes.markers import CentreLines, LineMarkers
 from denoc_ros.nodes.sensor_inputs import SEARCH_PERIOD, BaseInput, SensorInputs
+from denoc_ros.runtime.adaptation import Adaptation, TrackedNumbers, adaptation
 from denoc_ros.runtime.inputs.conversions import JointStateReader
 from denoc_ros.runtime.inputs.effort_check import EffortGuard, effort_guard
 from denoc_ros.runtime.inputs.joint_input import JointInput
 from denoc_ros.runtime.inputs.message_numbers import MessageFiller, Numbers
 from denoc_ros.runtime.inputs.trajectory_messages import has_many_points, read_trajectory
 from denoc_ros.runtime.live_observer import (
-    Adaptation,
     accepted_values,
     build_observer,
     fusion_status,
@@ -163,7 +162,7 @@ class PredictorOutputs:
         self._residual.position[:] = gap[heard]
         self._sends['sensor_residual'](self._residual.bytes(stamp_ns))
 
-    def send_parameters(self, stamp_ns: int, tracker: ParameterTracker) -> None:
+    def send_parameters(self, stamp_ns: int, tracker: TrackedNumbers) -> None:
         """Publish numbers of the model that are tracked: value and standard deviation."""
         if tracker.paths != self._parameters.names:
             self._parameters = JointStateMessage(tracker.paths, ('position', 'effort'))
@@ -264,7 +263,7 @@ class PredictorNode(RobotNode):
     def _adaptation(self, robot: Robot, settings: Settings) -> Adaptation:
         name = self.get_fully_qualified_name()
         base = self.base.at if self.base.used else None
-        return Adaptation(robot, self.joints, settings, name, base)
+        return adaptation(robot, self.joints, settings, name, base)
 
     def _rehearse(self) -> None:
         """Run all functions of tick and timers once, so that nothing compiles in the loop."""
@@ -394,21 +393,21 @@ class PredictorNode(RobotNode):
 
     def _measure(self, observer: Observer, steps: int) -> None:
         """Take measurements in, for the time that has passed at most; the rest waits."""
-        queue, adaptation, end = self._queue, self.adaptation, math.inf
+        queue, tracked, end = self._queue, self.adaptation, math.inf
         if len(queue) > 1 and not self.clock.is_simulated:
             end = time.thread_time() + min(steps, MOST_STEPS) * self.period
         while queue:
             measurement = queue.popleft()
             if isinstance(measurement, float):
                 self._rewind(observer, measurement)
-                adaptation.reset(values=False)
+                tracked.reset(values=False)
                 # A measurement that waits for the next tick would be too late for it.
                 end = math.inf
                 continue
             taken, q, qd, effort = measurement
             restarts = observer.restarts
             self.efforts.measure(observer, taken, q, qd, effort)
-            adaptation.measure(taken, q, qd, effort)
+            tracked.measure(taken, q, qd, effort)
             self._history.add(observer)
             if observer.restarts != restarts:
                 self._note_restart('a gap in joint_states', keeps_state=True)
@@ -467,15 +466,15 @@ class PredictorNode(RobotNode):
         super().restart()
 
     def _swap(
-        self, robot: Robot, observer: Observer, adaptation: Adaptation, efforts: EffortGuard
+        self, robot: Robot, observer: Observer, tracked: Adaptation, efforts: EffortGuard
     ) -> None:
         """Go on with a changed model where the one before is."""
         self._history.clear()
         observer.adopt(self.observer)
         efforts.follow(observer)
         self.efforts = efforts
-        adaptation.adopt(self.adaptation)
-        self.robot, self.observer, self.adaptation = robot, observer, adaptation
+        tracked.adopt(self.adaptation)
+        self.robot, self.observer, self.adaptation = robot, observer, tracked
         self.restarts.bounds = observer.bounds
         self.outputs.attach(observer, robot.pose_of(self.tip))
         self.sensors.update(robot.tree)
@@ -533,11 +532,11 @@ class PredictorNode(RobotNode):
     def take_robot(self, robot: Robot, settings: Settings) -> None:
         """Build observer and tracker anew; the coordinates must stay."""
         self.require_coordinates(robot)
-        observer, adaptation = self._build(robot, settings), self._adaptation(robot, settings)
+        observer, tracked = self._build(robot, settings), self._adaptation(robot, settings)
         self._lines = CentreLines(robot.copy())
         self.bounds.update(limits_of(robot, self.joints))
         efforts = self._guard(robot, settings)
-        self.between_ticks(self._swap, robot, observer, adaptation, efforts)
+        self.between_ticks(self._swap, robot, observer, tracked, efforts)
 
     # ---- diagnostics
 

@@ -13,8 +13,6 @@ from trajectory_msgs.msg import JointTrajectory
 from denoc_ros.bags.joint_state import JointStateMessage
 from denoc_ros.dynamics.driven.torque_feedforward import TorqueFeedforward
 from denoc_ros.dynamics.robot import Robot
-from denoc_ros.feedback.live_state_feedback import LiveStateFeedback
-from denoc_ros.feedback.strain_feedback import StrainFeedback
 from denoc_ros.nodes.base.denoc_node import DenocNode
 from denoc_ros.nodes.base.messages import (
     COMMAND,
@@ -28,15 +26,17 @@ from denoc_ros.nodes.base.messages import (
 )
 from denoc_ros.nodes.base.robot_node import RobotNode
 from denoc_ros.nodes.sensor_inputs import SEARCH_PERIOD, SensorInputs
+from denoc_ros.runtime.feedback_law import FeedbackLaw, feedback_law
 from denoc_ros.runtime.inputs.joint_gate import JointSample
 from denoc_ros.runtime.inputs.message_numbers import MessageFiller, Numbers
 from denoc_ros.runtime.loop.status import Status
 from denoc_ros.runtime.parameters.parameter_table import Settings
+from denoc_ros.runtime.reference.reference import ReferenceFollower
 from denoc_ros.types import Array
 
 
 class TorqueFeedback:
-    """Feedback by the parameters `feedback.*`; without them it neither listens nor acts.
+    """The feedback law of the node and its sensors; without a law it neither listens nor acts.
 
     Parameters
     ----------
@@ -45,17 +45,14 @@ class TorqueFeedback:
 
     Attributes
     ----------
-    state : LiveStateFeedback
+    law : FeedbackLaw or None
     """
 
     def __init__(self, node: RobotNode) -> None:
-        name = node.get_fully_qualified_name()
         self._node = node
-        self._strain = StrainFeedback(name)
-        self.state = LiveStateFeedback(name, in_hurry=not node.clock.is_simulated)
-        self._strain_robot: Robot | None = None
+        in_hurry = not node.clock.is_simulated
+        self.law = feedback_law(node.get_fully_qualified_name(), in_hurry)
         self._sensors: SensorInputs | None = None
-        self._plan: Array | None = None
 
     def build(
         self,
@@ -66,21 +63,18 @@ class TorqueFeedback:
         posture: Array,
         patience: float = 0.0,
     ) -> None:
-        """Take a robot over; prove the wanted feedback safe, and listen to its sensors.
-
-        `patience` [s] is of :meth:`LiveStateFeedback.build`.
+        """Take a robot over, and listen to the sensors of a wanted feedback.
 
         Raises
         ------
         ConfigError, StateError
-            As of :meth:`StrainFeedback.build` and :meth:`LiveStateFeedback.build`.
+            As of :meth:`FeedbackLaw.build`.
         """
-        before = self.wanted
-        self.state.build(robot, joints, settings, limits, posture, patience)
-        if robot is not self._strain_robot:  # its parameters are not live, its filter goes on
-            self._strain.build(robot, joints, settings, limits)
-            self._strain_robot = robot
-        if not self.wanted:
+        if self.law is None:
+            return
+        before = self.law.wanted
+        self.law.build(robot, joints, settings, limits, posture, patience)
+        if not self.law.wanted:
             return
         if self._sensors is None:
             self._sensors = SensorInputs(self._node)
@@ -94,23 +88,43 @@ class TorqueFeedback:
     @property
     def wanted(self) -> bool:
         """Whether there is a feedback, or one that fades."""
-        return self._strain.wanted or self.state.wanted
+        return self.law is not None and self.law.wanted
 
-    def take_joints(self, sample: JointSample) -> None:
-        """Take measured joints."""
-        if not self.state.wanted:
-            return
-        if sample.restarts:
-            self.state.begin()
-        wall = 1e-9 * self._node.stamp_ns_at(sample.arrival)
-        self.state.take_joints(
-            1e-9 * sample.stamp_ns, sample.arrival, wall, sample.position, sample.velocity
-        )
+    @property
+    def needs_watch(self) -> bool:
+        """Whether `watch` must be called."""
+        return self.law is not None and self.law.needs_watch
 
     @property
     def busy(self) -> bool:
         """Whether gains are in work."""
-        return self.state.wanted and self.state.busy
+        return self.law is not None and self.law.busy
+
+    def watch(self, follower: ReferenceFollower, position: Array) -> None:
+        """Show the feedback the motion to come; `position` (joints,) is wanted or is."""
+        if self.law is not None:
+            self.law.watch(follower, position)
+
+    def stop(self) -> None:
+        """Drop a design in work."""
+        if self.law is not None:
+            self.law.stop()
+
+    def close(self) -> None:
+        """End the process that designs."""
+        if self.law is not None:
+            self.law.close()
+
+    def take_joints(self, sample: JointSample) -> None:
+        """Take measured joints."""
+        if self.law is None or not self.law.wanted:
+            return
+        if sample.restarts:
+            self.law.begin()
+        wall = 1e-9 * self._node.stamp_ns_at(sample.arrival)
+        self.law.take_joints(
+            1e-9 * sample.stamp_ns, sample.arrival, wall, sample.position, sample.velocity
+        )
 
     def search(self) -> None:
         """Listen to the sensors that have appeared."""
@@ -119,73 +133,48 @@ class TorqueFeedback:
 
     def begin(self) -> None:
         """Start anew."""
-        self._plan = None
-        self.state.begin()
+        if self.law is not None:
+            self.law.begin()
 
     def add(
         self, torque: Array, source: TorqueFeedforward, wanted: Array, now: float, lead: float
     ) -> Array:
-        """Return a torque (n,) with the feedback.
-
-        Parameters
-        ----------
-        torque : (n,) array
-            Of the plan.
-        source : TorqueFeedforward
-            With the plan's state.
-        wanted : (n,) array
-            Reference of the driven joints.
-        now, lead : float
-            Time of the tick, steady clock [s], and how far ahead the plan is.
-        """
-        if not self.wanted:
+        """Return a torque (n,) with the feedback; arguments of :meth:`FeedbackLaw.torque`."""
+        if self.law is None or not self.law.wanted:
             return torque
-        self._take_values()
-        if self._strain.wanted:
-            return self._strain.add(torque, now)
-        self._plan = torque.copy()
-        added = self.state.torque(now, lead, wanted, source.whole_motion(), self._plan)
-        return torque if added is None else np.asarray(torque + added)
+        self._take_values(self.law)
+        return self.law.torque(torque, source, wanted, now, lead)
 
     def wait(
         self, torque: Array, source: TorqueFeedforward, wanted: Array, now: float, lead: float
     ) -> None:
-        """Go on with the estimate in a tick in which another torque leaves; arguments as `add`.
-
-        A machine that stood still has no joint states in its first tick: the estimate knows what
-        the torque did meanwhile.
-        """
-        if self.state.wanted:
-            self._take_values()
-            self._plan = torque.copy()
-            self.state.wait(now, lead, wanted, source.whole_motion(), self._plan)
+        """Go on with the estimate in a tick in which another torque leaves; arguments as `add`."""
+        if self.law is not None and self.law.wanted:
+            self._take_values(self.law)
+            self.law.wait(torque, source, wanted, now, lead)
 
     def applied(self, left: Array) -> None:
         """Take the torque (n,) that left after all limits."""
-        if self._plan is not None:
-            self.state.applied(left - self._plan)
-            self._plan = None
+        if self.law is not None:
+            self.law.applied(left)
 
     def rest(self) -> None:
         """Let go: something else than the plan leaves."""
-        self._plan = None
-        if self.state.wanted:
-            self._take_values()
-            self.state.rest()
+        if self.law is not None:
+            if self.law.wanted:
+                self._take_values(self.law)
+            self.law.rest()
 
-    def _take_values(self) -> None:
+    def _take_values(self, law: FeedbackLaw) -> None:
         """Pass on the values of the sensors."""
         assert self._sensors is not None
         queue = self._sensors.queue
         while queue:
-            value = queue.popleft()
-            if self._strain.wanted:
-                self._strain.take(*value)
-            self.state.take_sensor(*value)
+            law.take_sensor(*queue.popleft())
 
     def statuses(self) -> list[Status]:
-        """State of the state feedback, if it is wanted."""
-        return [self.state.status()] if self.state.wanted else []
+        """State of the feedback, if it is wanted."""
+        return [] if self.law is None else self.law.statuses()
 
 
 class ImpedanceOutput:

@@ -12,7 +12,6 @@ from denoc_ros.dynamics.driven.driven_joints import DrivenJoints
 from denoc_ros.dynamics.driven.joint_limits import joint_limits
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import StateError
-from denoc_ros.feedback.gain_jobs import KNOTS
 from denoc_ros.model.mode_table import ModeTable, read_mode_table
 from denoc_ros.model.numbers import FAMILIES
 from denoc_ros.planning.shaper_parameters import OF_STREAMS
@@ -23,6 +22,7 @@ from denoc_ros.runtime.inputs.input_monitor import InputError
 from denoc_ros.runtime.inputs.trajectory_messages import RequestedMotion
 from denoc_ros.runtime.parameters.parameter_table import Settings
 from denoc_ros.runtime.worker.worker import Answer, Planner
+from denoc_ros.trajectories import KNOTS
 from denoc_ros.types import Array
 
 LOADING = 300.0  # s: a cold kernel cache compiles on a slow machine

@@ -11,15 +11,22 @@ from numpy.typing import NDArray
 
 from denoc_ros.dynamics.driven.motion_plan import LimitUse, Plan
 from denoc_ros.dynamics.robot import Robot
+from denoc_ros.model.joint_units import Units
 from denoc_ros.model.numbers import match, numbers_of, values_of
 from denoc_ros.model.tree import Tree
+from denoc_ros.pages.figures import Curve, Ink, Panel, line_figure
+from denoc_ros.pages.html_page import (
+    Card,
+    PageSection,
+    PageTable,
+    ReportPage,
+    Verdict,
+    engineering,
+)
 from denoc_ros.planning.plan_simulation import JointLaw, carry_out, planned
 from denoc_ros.planning.shape_motion import tip_frames
 from denoc_ros.planning.shapers.shaped_samples import rest_spline
 from denoc_ros.planning.tip.asked_motion import AskedMotion
-from denoc_ros.reports.figures import Curve, Ink, Panel, line_figure
-from denoc_ros.reports.pages import Card, PageSection, PageTable, ReportPage, Verdict, engineering
-from denoc_ros.reports.sections import Units
 from denoc_ros.types import Array
 
 ROWS = 1200  # of a run

@@ -24,6 +24,7 @@ from denoc_ros.cli.arguments import (
     overrides_of,
     require,
 )
+from denoc_ros.cli.motion_file import read_motion, write_plan
 from denoc_ros.cli.progress import share_bar
 from denoc_ros.cli.provenance import named_file, provenance
 from denoc_ros.cli.session.session_config import flatten, read_yaml
@@ -33,14 +34,13 @@ from denoc_ros.dynamics.driven.motion_plan import Plan
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.errors import ConfigError
 from denoc_ros.output_files import require_new, write_text
+from denoc_ros.pages.html_page import engineering
 from denoc_ros.planning.rest.joint_plans import RestOptions, ShaperOptions
 from denoc_ros.planning.shape_motion import BASES, OPTIONS, shape_motion
 from denoc_ros.planning.shape_page import compare, page
 from denoc_ros.planning.shaper_parameters import OF_STREAMS
 from denoc_ros.planning.timing.limit_rows import BEAMS, JOINTS, LimitOptions
 from denoc_ros.planning.tip.tip_options import TipOptions
-from denoc_ros.reports.pages import engineering
-from denoc_ros.simulation.motion_file import read_motion, write_plan
 from denoc_ros.simulation.recorded.run_files import EARTH
 
 LEAST_GAIN = 1e-5  # of the duration: smaller gains are not listed

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -15,7 +14,7 @@ from denoc_ros.dynamics.driven.motion_plan import Plan
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import ConfigError, SolverError, StateError
 from denoc_ros.planning.shape_motion import shape_motion
-from denoc_ros.trajectories import SplineTrajectory, Trajectory
+from denoc_ros.trajectories import Trajectory
 from denoc_ros.types import Array
 
 ASKED_STEP = 0.01  # s between the points of the motion that is asked for
@@ -42,8 +41,6 @@ def plans_of(
     """
     plans: dict[str, Plan] = {}
     shaped = [phase for phase in config.phases if phase.shape]
-    if not shaped:
-        return plans
     if trajectory is None:
         raise ConfigError(str(config.path), ['phases that shape must have a reference, got none'])
     model = robot.with_overrides(config.model) if config.model else robot.copy()
@@ -84,34 +81,3 @@ def _asked(
         return times, all_joints(robot, joints, driven, posture)
     except (StateError, SolverError) as error:
         raise ConfigError(str(config.path), [f'reference: {error}']) from error
-
-
-def motion_of(plan: Plan, joints: Sequence[str]) -> SplineTrajectory:
-    """Motion of the joints in a plan, from its first row on."""
-    columns = [plan.coordinate_names.index(joint) for joint in joints]
-    return SplineTrajectory(
-        plan.t - plan.t[0], plan.q[:, columns], plan.qd[:, columns], plan.qdd[:, columns]
-    )
-
-
-def asked_at_pace(trajectory: Trajectory, plan: Plan, joints: Sequence[str]) -> Trajectory:
-    """Wanted motion of the joints at the pace of a plan that changes it."""
-    if plan.passed is None and plan.stretch == 1.0:
-        return trajectory
-    passed = plan.t / plan.stretch if plan.passed is None else plan.passed
-    times = np.concatenate([[0.0], plan.t[plan.t > 0.0]])
-    moments = np.clip(np.interp(times, plan.t, passed), 0.0, trajectory.duration)
-    rows, rate, acceleration = np.zeros((len(times), len(joints))), *np.zeros((2, len(joints)))
-    for moment, row in zip(moments.tolist(), rows, strict=True):
-        trajectory.sample(moment, row, rate, acceleration)
-    return SplineTrajectory(times, rows)
-
-
-def started_on_the_plan(phase: Phase, plan: Plan, joints: Sequence[str]) -> Phase:
-    """Return a phase whose plant starts where the plan does, unless it says where."""
-    plant = phase.nodes.get('plant', {})
-    if 'start' in plant:
-        return phase
-    columns = [plan.coordinate_names.index(joint) for joint in joints]
-    start = plan.q[0, columns].tolist()
-    return replace(phase, nodes={**phase.nodes, 'plant': {**plant, 'start': start}})

@@ -1,1 +1,15 @@
-"""Flexible links from finite elements: mesh, matrices, modes, and the file of the link."""
+"""Optional part: flexible links from meshes, matrices of other programs, or a plain URDF."""
+
+from __future__ import annotations
+
+from denoc_ros.parts import Part, Verb
+
+PART = Part(
+    names={'suggest_flexibility': 'reduction.suggest.suggestion'},
+    verbs={
+        'reduce': Verb(
+            "reduce a link from its mesh, or another program's matrices, to a few modes",
+            'reduction.reduce_verb',
+        )
+    },
+)

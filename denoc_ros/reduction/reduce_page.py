@@ -16,8 +16,15 @@ from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
 from denoc_ros.model.beams.link_file import Surface
 from denoc_ros.model.tree import RigidInertia
+from denoc_ros.pages.html_page import (
+    Card,
+    PageSection,
+    PageTable,
+    ReportPage,
+    Verdict,
+    engineering,
+)
 from denoc_ros.reduction.reduce_link import ReducedMesh
-from denoc_ros.reports.pages import Card, PageSection, PageTable, ReportPage, Verdict, engineering
 from denoc_ros.text_table import Row
 
 SWING = 0.12  # of the link's size, in pictures of modes

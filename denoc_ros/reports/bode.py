@@ -6,9 +6,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from denoc_ros.reports.figures import Curve, Ink, Panel, line_figure
-from denoc_ros.reports.loop_response import LoopResponse, Swing
-from denoc_ros.reports.pages import (
+from denoc_ros.pages.figures import Curve, Ink, Panel, line_figure
+from denoc_ros.pages.html_page import (
     UNKNOWN,
     Card,
     PageSection,
@@ -17,6 +16,7 @@ from denoc_ros.reports.pages import (
     Verdict,
     engineering,
 )
+from denoc_ros.reports.loop_response import LoopResponse, Swing
 
 Pair = tuple[str, str]
 Places = Mapping[str, LoopResponse]

@@ -11,8 +11,8 @@ from scipy.integrate import cumulative_trapezoid
 
 from denoc_ros.bags.run import RecordedTopics
 from denoc_ros.dynamics.robot import Robot
-from denoc_ros.reports.figures import Curve, Ink, Panel, line_figure
-from denoc_ros.reports.pages import Card, PageSection, Verdict, engineering
+from denoc_ros.pages.figures import Curve, Ink, Panel, line_figure
+from denoc_ros.pages.html_page import Card, PageSection, Verdict, engineering
 from denoc_ros.types import Array
 
 CLOSED = 1e-9  # m or rad: what a simulation keeps its loops to

@@ -6,10 +6,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from denoc_ros.bags.run import UNFINISHED
-from denoc_ros.reports.loop_timing import LoopMeasure, NodeWarnings
+from denoc_ros.model.joint_units import Units
+from denoc_ros.pages.html_page import Card, Tone, Verdict, engineering
+from denoc_ros.pages.loop_timing import LoopMeasure, NodeWarnings
 from denoc_ros.reports.measures import PhaseMeasures, deflection_error, peak, rms
-from denoc_ros.reports.pages import Card, Tone, Verdict, engineering
-from denoc_ros.reports.sections import Units, without_folders
+from denoc_ros.reports.sections import without_folders
 from denoc_ros.simulation.recorded.run_files import STEPPED
 from denoc_ros.units import deflection_unit
 

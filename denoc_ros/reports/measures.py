@@ -12,7 +12,7 @@ from denoc_ros.bags.run import Interval, RecordedTopics, point_columns, point_ti
 from denoc_ros.bags.series import Series
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import SolverError
-from denoc_ros.planning.tip.asked_motion import AskedMotion
+from denoc_ros.parts import optional
 from denoc_ros.simulation.recorded.run_snapshots import notable_deflections
 from denoc_ros.trajectories import SplineTrajectory
 from denoc_ros.types import Array
@@ -231,9 +231,10 @@ def _tip_error(
     times = true.t[rows] + start - asked.start
     wanted[:, places] = asked.at(times)
     if len(robot.base_indices):
-        if robot.tree.loops:
+        planner = optional('planning.tip.asked_motion')
+        if robot.tree.loops or planner is None:
             return None
-        wanted[:, robot.base_indices] = _reacting(robot, asked, times)
+        wanted[:, robot.base_indices] = _reacting(planner, robot, asked, times)
     try:
         wanted = robot.assemble(wanted, fixed=asked.names)
     except SolverError:
@@ -242,12 +243,12 @@ def _tip_error(
     return Series(true.t[rows], (tip,), np.linalg.norm(gap[:, :3, 3], axis=1)[:, np.newaxis])
 
 
-def _reacting(robot: Robot, asked: _Reference, times: Array) -> Array:
+def _reacting(planner: Any, robot: Robot, asked: _Reference, times: Array) -> Array:
     """Return how (k, 6) a floating base reacts to the undeformed arm, from zero coordinates on."""
     at: Array = np.linspace(0.0, asked.end - asked.start, REACTING)
     joints = np.zeros((len(at), len(robot.joint_names)))
     joints[:, [robot.joint_names.index(name) for name in asked.names]] = asked.at(at)
-    motion = AskedMotion(robot, at, joints)
+    motion = planner.AskedMotion(robot, at, joints)
     return np.asarray(motion.coordinates(times)[:, robot.base_indices])
 
 

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from denoc_ros.dynamics.robot import Robot
-from denoc_ros.identification.tracking.tracked_recording import NORMAL
-from denoc_ros.reports.figures import Curve, Ink, Panel, line_figure
-from denoc_ros.reports.pages import (
+from denoc_ros.model.joint_units import Units
+from denoc_ros.pages.figures import Curve, Ink, Panel, line_figure
+from denoc_ros.pages.html_page import (
     UNKNOWN,
     Card,
     PageSection,
@@ -19,7 +19,7 @@ from denoc_ros.reports.pages import (
     Verdict,
     engineering,
 )
-from denoc_ros.reports.sections import Units
+from denoc_ros.simulation.recorded.adapted import NORMAL
 from denoc_ros.simulation.recorded.replay_bag import MEASURED, Replay
 from denoc_ros.simulation.recorded.residual_friction import TERMS
 from denoc_ros.simulation.recorded.run_files import recording_name
@@ -302,18 +302,7 @@ def _percent(share: float | None) -> str:
     return UNKNOWN if share is None else f'{100.0 * share:.1f} %'
 
 
-def lines(shown: ReportPage, summary: Summary) -> Iterator[str]:
-    """Yield a replay's numbers as lines of text for the terminal: the tables of its page."""
-    yield (
-        f'{summary["bag"]}: {summary["samples"]} joint states in {summary["duration_s"]:.4g} s, '
-        f'{summary["derivative"]} {summary["cutoff_hz"]:.3g} Hz'
-    )
-    for what in ('held_joints', 'ignored_joints'):
-        if summary[what]:
-            yield f'  {what.replace("_", " ")}: {", ".join(summary[what])}'
+def tables(shown: ReportPage) -> Iterator[str]:
+    """Yield the titled tables of a page as text for the terminal."""
     for section in filter(None, shown.sections):
         yield from (table.text() for table in section.tables if table.title)
-    if summary['output']:
-        yield f'bag     {summary["output"]}'
-    for doubt in summary['doubts']:
-        yield f'doubtful: {doubt}'

@@ -20,12 +20,14 @@ from denoc_ros.bags.run import Diagnostic, RecordedTopics, read_run
 from denoc_ros.cli.provenance import named_file, named_text, provenance
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.errors import BagError, ConfigError, DenocError
+from denoc_ros.model.joint_units import Units
 from denoc_ros.output_files import write_text
+from denoc_ros.pages.html_page import PageSection, ReportPage
+from denoc_ros.pages.loop_timing import LoopMeasure, NodeWarnings, loop_measures, warnings
+from denoc_ros.parts import optional
 from denoc_ros.reports import energy_balance, headline, sections
 from denoc_ros.reports.headline import time_in_words
-from denoc_ros.reports.loop_timing import LoopMeasure, NodeWarnings, loop_measures, warnings
 from denoc_ros.reports.measures import PhaseMeasures, measure, summarize
-from denoc_ros.reports.pages import PageSection, ReportPage
 from denoc_ros.simulation.recorded.run_files import (
     EARTH,
     SIMULATED,
@@ -47,13 +49,13 @@ NOTED = ('time', 'beams', 'failure', 'notes')  # of a session, in the numbers of
 def moments(bag: Path, robot: Robot | None) -> PageSection | None:
     """Return the section, None where the bag does not show how the robot stood."""
     from denoc_ros.simulation.recorded.run_snapshots import RecordedRun
-    from denoc_ros.viewer.film import Look, moment_images
 
-    if robot is None:
+    film = optional('viewer.film')
+    if robot is None or film is None:
         return None
     try:
         run = RecordedRun(bag, robot, rate=RATE)
-        images = moment_images(run, robot, Look(size=SIZE), COUNT)
+        images = film.moment_images(run, robot, film.Look(size=SIZE), COUNT)
     except DenocError:
         return None
     shown = Markup('').join(
@@ -184,7 +186,7 @@ def _unrecorded(session: Mapping[str, Any], why: str, command: str) -> Report:
     page = ReportPage(
         title=session.get('name', ''),
         subtitle='nothing recorded',
-        verdict=headline.failed((), failure, sections.Units.of(None), _cut(session)),
+        verdict=headline.failed((), failure, Units.of(None), _cut(session)),
         cards=(),
         sections=[sections.failure(failure)],
         provenance=provenance(
@@ -232,7 +234,7 @@ class _Found:
 
 def _page(found: _Found, command: str) -> ReportPage:
     phases, duration = found.phases, found.recording.duration
-    units = sections.Units.of(found.robot.tree if found.robot else None)
+    units = Units.of(found.robot.tree if found.robot else None)
     simulated = found.simulated
     return ReportPage(
         title=found.session.get('name') or recording_name(found.recording.path),

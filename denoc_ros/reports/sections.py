@@ -5,16 +5,16 @@ from __future__ import annotations
 import dataclasses
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from denoc_ros.bags.run import Diagnostic, RecordedTopics
 from denoc_ros.bags.series import Series
-from denoc_ros.model.tree import JointKind, Tree
-from denoc_ros.reports.figures import Curve, Ink, Panel, histogram_figure, line_figure
-from denoc_ros.reports.loop_timing import LoopMeasure, NodeWarnings
+from denoc_ros.model.joint_units import Units
+from denoc_ros.pages.figures import Curve, Ink, Panel, histogram_figure, line_figure
+from denoc_ros.pages.html_page import UNKNOWN, PageSection, PageTable, engineering
+from denoc_ros.pages.loop_timing import LoopMeasure, NodeWarnings
 from denoc_ros.reports.measures import (
     SETTLED,
     Deflection,
@@ -23,34 +23,12 @@ from denoc_ros.reports.measures import (
     peak,
     rms,
 )
-from denoc_ros.reports.pages import UNKNOWN, PageSection, PageTable, engineering
 from denoc_ros.types import Array
 
 FOLDERS = re.compile(r'(?<![\w.:/])/(?:[^\s/:\'"]+/)+')
 HIDDEN_KEYS = ('histogram_edges', 'histogram_counts')
 FLOOR = 1e-5  # m: what is less is drawn as this
 AVERAGED = 0.05  # s over which the distance is averaged in the figure
-
-
-@dataclass(frozen=True)
-class Units:
-    """Units of joints by their names; those of joints that are not known turn."""
-
-    kinds: Mapping[str, JointKind] = field(default_factory=dict)
-
-    @classmethod
-    def of(cls, tree: Tree | None) -> Units:
-        """Return those of a robot's joints."""
-        joints = {} if tree is None else tree.joints
-        return cls({name: joint.kind for name, joint in joints.items()})
-
-    def position(self, joint: str) -> str:
-        """Return that of its position."""
-        return self.kinds.get(joint, JointKind.REVOLUTE).unit
-
-    def effort(self, joint: str) -> str:
-        """Return that of its force or torque."""
-        return self.kinds.get(joint, JointKind.REVOLUTE).effort_unit
 
 
 def failure(text: str) -> PageSection | None:

@@ -16,8 +16,15 @@ from denoc_ros.cli.simulate_verb import load
 from denoc_ros.cli.verb_result import VerbResult
 from denoc_ros.cli.verbs import DOUBTFUL
 from denoc_ros.output_files import write_text
-from denoc_ros.reports.figures import Curve, Figure, Ink, Panel, line_figure
-from denoc_ros.reports.pages import Card, PageSection, PageTable, ReportPage, Verdict, engineering
+from denoc_ros.pages.figures import Curve, Figure, Ink, Panel, line_figure
+from denoc_ros.pages.html_page import (
+    Card,
+    PageSection,
+    PageTable,
+    ReportPage,
+    Verdict,
+    engineering,
+)
 from denoc_ros.simulation.scenario import Scenario
 from denoc_ros.studies.stability_study import (
     ACCEPTED_DEVIATION,

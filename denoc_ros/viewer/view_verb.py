@@ -15,12 +15,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from denoc_ros.bags.reader import read_description
 from denoc_ros.cli.arguments import add_gravity, add_number, add_option
 from denoc_ros.cli.progress import Progress
+from denoc_ros.cli.recorded_robot import robot_source
 from denoc_ros.cli.session.session_config import find_file, read_yaml, share_directory
 from denoc_ros.dynamics.robot import Robot, load_robot
-from denoc_ros.errors import BagError, ConfigError, DenocError
+from denoc_ros.errors import ConfigError, DenocError
 from denoc_ros.simulation.recorded.run_files import (
     EARTH,
     find_bag,
@@ -104,21 +104,6 @@ def open_run(args: argparse.Namespace, path: Path, rate: float) -> OpenedRun:
     name = session.get('name') or recording_name(path)
     title = robot.tree.name if name == robot.tree.name else f'{robot.tree.name}: {name}'
     return OpenedRun(run, robot, title, file.parent if file.is_file() else None)
-
-
-def robot_source(bag: Path, given: str | None) -> str | Path:
-    """Return the file of the robot that was given, else the text of the recorded one.
-
-    Raises
-    ------
-    BagError
-        None was given and the bag has none.
-    """
-    if given is not None:
-        return find_file(Path(given), Path()) or Path(given)
-    if text := read_description(bag):
-        return text
-    raise BagError(f'{bag}: bag must hold the robot where --robot is not given, got none')
 
 
 def add_film_options(parser: argparse.ArgumentParser) -> None:

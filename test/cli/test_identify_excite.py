@@ -10,10 +10,10 @@ import pytest
 from page_look import require_one_look
 
 from denoc_ros.cli.main import main
+from denoc_ros.cli.motion_file import read_motion
 from denoc_ros.cli.session.session_config import read_yaml
 from denoc_ros.cli.verbs import INTERRUPTED
 from denoc_ros.identification.model.excitation import SearchClock
-from denoc_ros.simulation.motion_file import read_motion
 from denoc_ros.simulation.reference_motion import trajectory_from_config
 
 ROBOT = Path(__file__).resolve().parents[2] / 'config' / 'robots' / 'one_flexible_link.urdf'

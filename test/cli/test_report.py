@@ -13,8 +13,8 @@ from page_look import require_one_look
 
 from denoc_ros.bags.writer import BagWriter
 from denoc_ros.cli.main import main
-from denoc_ros.reports.figures import scale_of, thin
-from denoc_ros.reports.pages import engineering
+from denoc_ros.pages.figures import scale_of, thin
+from denoc_ros.pages.html_page import engineering
 from denoc_ros.reports.run_page import report
 
 # what test/cli/conftest.py puts in, as rms of a sine

@@ -14,8 +14,8 @@ import yaml
 from page_look import require_one_look
 
 from denoc_ros.cli.main import main
+from denoc_ros.cli.motion_file import read_motion
 from denoc_ros.errors import ConfigError
-from denoc_ros.simulation.motion_file import read_motion
 
 ROBOT = 'config/robots/two_link_ff.urdf'
 MOTION = {

@@ -14,16 +14,12 @@ from numpy.typing import NDArray
 import denoc_ros as dn
 from denoc_ros.bags.run import read_run
 from denoc_ros.bags.writer import BagWriter
+from denoc_ros.cli.session.phase_plans import asked_at_pace, motion_of, started_on_the_plan
 from denoc_ros.cli.session.session_config import SessionConfig, load_config
 from denoc_ros.dynamics.driven.motion_plan import Plan
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import ConfigError
-from denoc_ros.planning.shaped_phases import (
-    asked_at_pace,
-    motion_of,
-    plans_of,
-    started_on_the_plan,
-)
+from denoc_ros.planning.shaped_phases import plans_of
 from denoc_ros.reports.measures import measure, summarize
 from denoc_ros.simulation.reference_motion import trajectory_from_config
 from denoc_ros.trajectories import Trajectory

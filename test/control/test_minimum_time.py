@@ -11,8 +11,8 @@ from scipy.interpolate import make_interp_spline
 from timed_paths import rigid_arm
 
 import denoc_ros as dn
+from denoc_ros.cli.session.phase_plans import motion_of
 from denoc_ros.dynamics.driven.torque_feedforward import TorqueFeedforward
-from denoc_ros.planning.shaped_phases import motion_of
 from denoc_ros.planning.timing.limit_rows import LimitRows, Moments, motion_limits
 from denoc_ros.planning.timing.path_timing import Timing, TimingBasis
 from denoc_ros.planning.tip.asked_motion import AskedMotion

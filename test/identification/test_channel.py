@@ -10,7 +10,6 @@ import pytest
 from numpy.typing import NDArray
 from scipy.io import savemat
 
-from denoc_ros.bags.tables import is_time, unit_of_times
 from denoc_ros.bags.writer import BagWriter
 from denoc_ros.errors import BagError, IdentificationError
 from denoc_ros.identification.decay.channel import (
@@ -20,6 +19,7 @@ from denoc_ros.identification.decay.channel import (
     read_record,
 )
 from denoc_ros.identification.decay.records import Record, doubtful_rate
+from denoc_ros.identification.tables.tables import is_time, unit_of_times
 
 START_NS = 1_700_000_000_000_000_000
 DELAY_NS = 2_000_000  # from stamp to recording

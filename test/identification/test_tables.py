@@ -14,11 +14,11 @@ import pytest
 from numpy.typing import NDArray
 from scipy.io import savemat
 
-from denoc_ros.bags import tables
-from denoc_ros.bags.tables import read_table
 from denoc_ros.cli.main import main
 from denoc_ros.errors import BagError
 from denoc_ros.identification.decay.channel import Channel, channels_of, read_record
+from denoc_ros.identification.tables import tables
+from denoc_ros.identification.tables.tables import read_table
 
 T = np.asarray(np.arange(24) * 0.01, dtype=np.float64)
 Y = np.asarray(np.cos(7.0 * T), dtype=np.float64)

@@ -70,7 +70,7 @@ def test_state_feedback_knows_which_side_is_measured(graph: Any, tmp_path: Path)
     commands = graph.collect(Float64MultiArray, '/feedforward/commands')
     reference = graph.publisher(JointTrajectory, 'reference')
     joints = graph.publisher(JointState, 'joint_states')
-    names, state, last = ['shoulder', 'elbow'], node.feedback.state, 0.0
+    names, state, last = ['shoulder', 'elbow'], node.feedback.law.state, 0.0
 
     def feed(offset: float, condition: Callable[[], object]) -> None:
         def fed() -> object:

@@ -87,7 +87,7 @@ def test_silent_gauges_leave_the_plan_alone_and_a_motion_gets_gains_of_its_own(
     node = graph.add(FeedforwardNode, parameters={**COMMON, **STATE_FEEDBACK})
     commands = graph.collect(Float64MultiArray, '/feedforward/commands')
     reference = graph.publisher(JointTrajectory, 'reference')
-    feed, state = Feed(graph), node.feedback.state
+    feed, state = Feed(graph), node.feedback.law.state
     feed.until(lambda: node.joint_input.received)
     reference.publish(trajectory((0.0, START), (0.1, START)))
 
@@ -123,7 +123,7 @@ def test_imus_reach_the_feedback_and_a_dead_one_leaves_the_plan_alone(
     given = {**COMMON, **STATE_FEEDBACK, 'urdf_path': str(file)}
     node = graph.add(FeedforwardNode, parameters=given)
     reference = graph.publisher(JointTrajectory, 'reference')
-    feed, state = Feed(graph, imus=True), node.feedback.state
+    feed, state = Feed(graph, imus=True), node.feedback.law.state
     feed.until(lambda: node.joint_input.received)
     reference.publish(trajectory((0.0, START), (0.1, START)))
     feed.until(lambda: state.active)
@@ -178,7 +178,7 @@ def test_state_feedback_is_switched_on_and_off_while_the_node_is_active(graph: A
     node = graph.add(FeedforwardNode, parameters=given)
     commands = graph.collect(Float64MultiArray, '/feedforward/commands')
     reference = graph.publisher(JointTrajectory, 'reference')
-    state = node.feedback.state
+    state = node.feedback.law.state
     change(node, feedback__state='lqr')
     feed = Feed(graph)
     feed.until(lambda: node.joint_input.received)
@@ -213,13 +213,13 @@ def test_gains_whose_process_is_stopped_cost_no_torque(
 ) -> None:
     monkeypatch.setattr('denoc_ros.nodes.feedforward.DESIGN_PATIENCE', 1e-3)
     node = graph.add(FeedforwardNode, parameters={**COMMON, **STATE_FEEDBACK})
-    planner = node.feedback.state._worker.planner
+    planner = node.feedback.law.state._worker.planner
     graph.until(lambda: planner.pid is not None)
     first = planner.pid
     os.kill(first, signal.SIGSTOP)  # while it starts
     commands = graph.collect(Float64MultiArray, '/feedforward/commands')
     reference = graph.publisher(JointTrajectory, 'reference')
-    feed, state = Feed(graph), node.feedback.state
+    feed, state = Feed(graph), node.feedback.law.state
     feed.until(lambda: node.joint_input.received)
     reference.publish(trajectory((0.0, START), (0.1, START)))
     feed.until(lambda: len(commands) > 100)

@@ -9,7 +9,7 @@ import numpy as np
 from denoc_ros.identification.decay.analysis import analyse_decay
 from denoc_ros.identification.decay.records import Record
 from denoc_ros.identification.pages.identify_signals import _envelopes
-from denoc_ros.reports.figures import Curve, Panel, line_figure
+from denoc_ros.pages.figures import Curve, Panel, line_figure
 
 T = np.linspace(0.0, 10.0, 1000)
 

@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from denoc_ros.bags.run import Diagnostic
 from denoc_ros.bags.series import Series
+from denoc_ros.model.joint_units import Units
+from denoc_ros.pages.loop_timing import NodeWarnings, warnings
 from denoc_ros.reports import headline, sections
 from denoc_ros.reports.headline import summary_lines
-from denoc_ros.reports.loop_timing import NodeWarnings, warnings
 from denoc_ros.reports.measures import Deflection, PhaseMeasures, summarize
-from denoc_ros.reports.sections import Units
 
 T = np.linspace(0.0, 15.0, 1501)
 STOP = 10.0  # s

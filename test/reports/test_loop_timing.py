@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from denoc_ros.bags.run import Diagnostic
-from denoc_ros.reports.loop_timing import SECOND, loop_measures
+from denoc_ros.pages.loop_timing import SECOND, loop_measures
 
 # what a node counts at each second: ticks, late ones, deadlines passed over; then from zero on
 FIRST, AGAIN = [(1000, 5, 300), (2000, 6, 300)], [(900, 1, 0), (1900, 2, 11)]

@@ -13,9 +13,9 @@ from page_look import VISIBLE, contrast
 from playwright.sync_api import Browser
 from playwright.sync_api import Page as Tab
 
-from denoc_ros.reports.figures import Curve, Ink, Panel, histogram_figure, line_figure
-from denoc_ros.reports.loop_timing import LoopMeasure
-from denoc_ros.reports.pages import Card, PageSection, PageTable, ReportPage, Verdict
+from denoc_ros.pages.figures import Curve, Ink, Panel, histogram_figure, line_figure
+from denoc_ros.pages.html_page import Card, PageSection, PageTable, ReportPage, Verdict
+from denoc_ros.pages.loop_timing import LoopMeasure
 
 WIDTHS = (360, 390, 420, 768, 1280)  # pixels: phones, a tablet, a desk
 LEGIBLE = 8.0  # pixels of type

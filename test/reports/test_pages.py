@@ -16,7 +16,7 @@ from page_look import contrast, require_one_look
 
 from denoc_ros.cli.main import main
 from denoc_ros.cli.provenance import command_line
-from denoc_ros.reports.pages import Card, PageSection, PageTable, ReportPage, Verdict
+from denoc_ros.pages.html_page import Card, PageSection, PageTable, ReportPage, Verdict
 from denoc_ros.reports.run_page import report
 
 Array = NDArray[Any]

@@ -22,8 +22,8 @@ from denoc_ros.feedback.feedback_settings import FeedbackSettings
 from denoc_ros.feedback.gain_jobs import read_schedule
 from denoc_ros.feedback.gain_worker import KEPT, FeedbackModel, GainWorker, WantedGains
 from denoc_ros.feedback.state_feedback import StateFeedback
-from denoc_ros.planning.planner_process import serve
 from denoc_ros.runtime.worker.worker_messages import read_message, write_message
+from denoc_ros.runtime.worker.worker_process import serve
 from denoc_ros.trajectories import SplineTrajectory
 
 pytestmark = pytest.mark.ros  # as it waits for processes

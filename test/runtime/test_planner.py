@@ -16,12 +16,11 @@ import pytest
 from child_processes import child, gone
 
 from denoc_ros.errors import StateError
-from denoc_ros.feedback.gain_jobs import KNOTS
-from denoc_ros.planning import planner_process
-from denoc_ros.planning.planner_process import Planning, serve
+from denoc_ros.planning import plan_jobs
 from denoc_ros.runtime.worker.worker import Answer, Planner
 from denoc_ros.runtime.worker.worker_messages import LONGEST_HEADER, read_message, write_message
-from denoc_ros.trajectories import SplineTrajectory
+from denoc_ros.runtime.worker.worker_process import Worker, serve
+from denoc_ros.trajectories import KNOTS, SplineTrajectory
 
 pytestmark = pytest.mark.ros
 ROBOT = {
@@ -119,7 +118,7 @@ def test_jobs_are_answered_in_order_and_bad_ones_say_why() -> None:
 
 
 def test_robot_is_loaded_once_for_many_jobs() -> None:
-    planning = Planning()
+    planning = Worker()
     first = planning.robot(ROBOT)
     assert planning.robot(dict(ROBOT)) is first
     heavy = planning.robot({**ROBOT, 'overrides': {'payload.tool.mass': 2.0}})
@@ -135,10 +134,10 @@ def test_loading_plans_a_motion_that_stands_still(monkeypatch: pytest.MonkeyPatc
         plans.append((arguments[2], arguments[3]))
         raise StateError('the tip must move')  # which is no failure of loading
 
-    monkeypatch.setattr(planner_process, 'shape_motion', shape)
+    monkeypatch.setattr(plan_jobs, 'shape_motion', shape)
     posture = np.array([0.2, 0.0, 0.0, 0.3, 0.0, 0.0])
     header = {**SHAPE, 'job': 'load', 'method': 'tip', 'id': 1}
-    answer, _ = Planning().answer(header, {'posture': posture})
+    answer, _ = Worker().answer(header, {'posture': posture})
     assert answer['joints'] == SHAPE['joints']
     ((q, method),) = plans
     assert method == 'tip'
@@ -155,12 +154,12 @@ def test_the_points_between_are_waypoints_where_there_is_a_radius(
         asked.update(options)
         raise StateError('planned')
 
-    monkeypatch.setattr(planner_process, 'shape_motion', shape)
+    monkeypatch.setattr(plan_jobs, 'shape_motion', shape)
     rows = np.linspace([0.0, 0.0], [0.4, 0.2], count)
     knots = np.linspace(0.0, 1.0, count), rows, np.zeros_like(rows), np.zeros_like(rows)
     arrays = dict(zip(KNOTS, knots, strict=True), posture=np.zeros(6))
     job = {**SHAPE, 'method': 'rest_to_rest', 'options': {'radius': 0.05}, 'id': 1}
-    assert Planning().answer(job, arrays)[0]['error'] == 'planned'
+    assert Worker().answer(job, arrays)[0]['error'] == 'planned'
     assert asked['radius'] == (None if count == 2 else 0.05)
     np.testing.assert_allclose(asked.get('waypoints', np.zeros((0, 2))), rows[1:-1])
 
@@ -185,7 +184,7 @@ def test_no_process_is_left_by_a_parent_that_was_killed() -> None:
     with child([sys.executable, '-c', PARENT], stdout=subprocess.PIPE) as parent:
         assert parent.stdout is not None
         planner = int(parent.stdout.readline())
-        until(lambda: b'planner_process' in read_command(planner))
+        until(lambda: b'worker_process' in read_command(planner))
     until(lambda: not read_command(planner))
 
 

@@ -10,7 +10,7 @@ from tracked_runs import TrackedRun
 from denoc_ros.bags.joint_state import JOINT_STATE, JointStateMessage
 from denoc_ros.bags.writer import BagWriter
 from denoc_ros.dynamics.robot import Robot
-from denoc_ros.identification.tracking.tracked_recording import Adapted
+from denoc_ros.simulation.recorded.adapted import Adapted
 from denoc_ros.types import Array
 
 SHIFTED = 8  # joint states that the work of a block is spread over

@@ -15,8 +15,8 @@ from playwright.sync_api import Page as Tab
 
 import denoc_ros as dn
 from denoc_ros.errors import ConfigError, SolverError
-from denoc_ros.reports.figures import Curve, Ink, Panel, line_figure
-from denoc_ros.reports.pages import Card, PageSection, PageTable, ReportPage, Verdict
+from denoc_ros.pages.figures import Curve, Ink, Panel, line_figure
+from denoc_ros.pages.html_page import Card, PageSection, PageTable, ReportPage, Verdict
 from denoc_ros.simulation.recorded.snapshot import Snapshot
 from denoc_ros.viewer.page import Exhibit, Page, offer
 from denoc_ros.viewer.picture import Canvas

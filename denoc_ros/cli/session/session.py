@@ -17,6 +17,7 @@ from denoc_ros.cli.session.node_parameters import (
     node_table,
     write_parameters,
 )
+from denoc_ros.cli.session.phase_plans import asked_at_pace, motion_of
 from denoc_ros.cli.session.processes import Health, ProcessError, Processes
 from denoc_ros.cli.session.session_config import (
     AUTO,
@@ -40,7 +41,6 @@ from denoc_ros.dynamics.driven.motion_plan import Plan
 from denoc_ros.dynamics.robot import load_robot
 from denoc_ros.dynamics.state_rows import cores
 from denoc_ros.parts import node_main
-from denoc_ros.planning.shaped_phases import asked_at_pace, motion_of
 from denoc_ros.python_start import module_words
 from denoc_ros.runtime.safety.torque import NO_JOINTS, STALE_JOINTS
 from denoc_ros.trajectories import Trajectory

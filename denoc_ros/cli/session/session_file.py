@@ -12,12 +12,13 @@ from denoc_ros.cli.interrupts import Interrupt
 from denoc_ros.cli.progress import Progress
 from denoc_ros.errors import DenocError
 from denoc_ros.output_files import whole_file, write_text
-from denoc_ros.reports.headline import summary_lines
-from denoc_ros.reports.report_verb import write_report
+from denoc_ros.parts import optional
 from denoc_ros.simulation.recorded.run_files import BAG_FOLDER, SESSION_FILE
 from denoc_ros.terminal_text import say
 
 CUT_OFF = 'bag_cut_off'  # what a recorder left that did not end by itself
+NO_REPORT = 'none: nothing was recorded'
+NO_PART = "none: the part 'reports' is not there"
 REPORTING = 5.0  # s that a report takes
 
 
@@ -108,8 +109,9 @@ def conclude(
         # before its first phase a session that is interrupted has nothing to tell
         if records and (file.phases or (failure and not isinstance(error, Interrupt))):
             _make_whole(folder, progress)
-            with progress.step('writing the report', REPORTING):
-                summary = write_report(folder, folder / 'report.html')
+            if reports := optional('reports.report_verb'):
+                with progress.step('writing the report', REPORTING):
+                    summary = reports.write_report(folder, folder / 'report.html')
     except (DenocError, OSError) as second:
         if not failure:
             raise
@@ -143,8 +145,10 @@ def _make_whole(folder: Path, progress: Progress) -> None:
 
 def print_summary(summary: dict[str, Any], folder: Path) -> None:
     """Print the numbers of a run, and where it and its report are."""
-    for line in summary_lines(summary):
+    headline = optional('reports.headline')
+    for line in headline.summary_lines(summary) if headline else ():
         say(line)
     report = folder / 'report.html'
     say(f'run     {folder}')
-    say(f'report  {report}' if report.is_file() else 'report  none: nothing was recorded')
+    missing = NO_REPORT if headline else NO_PART
+    say(f'report  {report if report.is_file() else missing}')

@@ -17,8 +17,7 @@ from denoc_ros.cli.session.node_parameters import node_parameters, node_table
 from denoc_ros.cli.session.session_config import REAL, SIMULATED, Parameters, Phase, SessionConfig
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import ConfigError, DenocError, SolverError, StateError
-from denoc_ros.feedback.live_state_feedback import LiveStateFeedback
-from denoc_ros.feedback.strain_feedback import StrainFeedback
+from denoc_ros.runtime.feedback_law import feedback_law
 from denoc_ros.runtime.safety.torque import torque_limits
 
 if TYPE_CHECKING:
@@ -275,15 +274,16 @@ def _trouble(robot: Robot, given: Parameters, patience: float) -> str:
     joints = settings.texts('joints') or list(robot.tree.non_mimic_joints)
     posture = np.zeros(robot.n)
     posture[robot.joint_indices] = settings.numbers('posture') or 0.0
-    state = LiveStateFeedback(FEEDFORWARD)
+    law = feedback_law(FEEDFORWARD)
+    if law is None:
+        return ''
     try:
         limits = torque_limits(robot, joints, settings)
-        StrainFeedback(FEEDFORWARD).build(robot, joints, settings, limits)
-        state.build(robot, joints, settings, limits, posture, patience)
-        return f'no gains within {patience:g} s' if state.busy else ''
+        law.build(robot, joints, settings, limits, posture, patience)
+        return f'no gains within {patience:g} s' if law.busy else ''
     except ConfigError as error:
         return '; '.join(error.findings)
     except (StateError, SolverError, ValueError) as error:
         return str(error)
     finally:
-        state.close()
+        law.close()

@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 
 from denoc_ros.bags.joint_state import FIELDS, JOINT_STATE
-from denoc_ros.bags.joint_table import RecordedWindow, shown, table_times
 from denoc_ros.bags.reader import bag_topics, read_bag
 from denoc_ros.bags.series import elapsed, element_names, read_arrays, read_joint_states
-from denoc_ros.bags.tables import is_table, is_time, read_table
 from denoc_ros.errors import BagError
 from denoc_ros.identification.decay.records import Record
+from denoc_ros.identification.tables.joint_table import RecordedWindow, shown, table_times
+from denoc_ros.identification.tables.tables import is_table, is_time, read_table
 from denoc_ros.settings import setting
 from denoc_ros.types import Array, Stamps
 

@@ -14,7 +14,6 @@ from scipy.signal import find_peaks
 from denoc_ros.bags.joint_state import JOINT_STATE
 from denoc_ros.bags.reader import bag_topics
 from denoc_ros.bags.series import read_joint_states
-from denoc_ros.bags.tables import is_table
 from denoc_ros.identification.decay.channel import Reading
 from denoc_ros.identification.decay.damped import in_gap
 from denoc_ros.identification.decay.records import (
@@ -25,6 +24,7 @@ from denoc_ros.identification.decay.records import (
     assess,
     runs,
 )
+from denoc_ros.identification.tables.tables import is_table
 from denoc_ros.types import Array
 
 Kind = Literal['decay', 'step', 'rest']

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from denoc_ros.bags.tables import UNITS
 from denoc_ros.errors import IdentificationError
+from denoc_ros.identification.tables.tables import UNITS
 from denoc_ros.types import Array
 
 FEWEST_SAMPLES = 8

@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 from scipy.signal import cont2discrete, lfilter, lfilter_zi
 
-from denoc_ros.bags.joint_table import RecordedWindow, joints_of_table, require_rows
 from denoc_ros.bags.reader import bag_topics
 from denoc_ros.bags.series import (
     POSE_NUMBERS,
@@ -22,9 +21,14 @@ from denoc_ros.bags.series import (
     read_readings,
     resolved,
 )
-from denoc_ros.bags.tables import Table, is_table, read_table
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import BagError, IdentificationError
+from denoc_ros.identification.tables.joint_table import (
+    RecordedWindow,
+    joints_of_table,
+    require_rows,
+)
+from denoc_ros.identification.tables.tables import Table, is_table, read_table
 from denoc_ros.model.sensors import message_place
 from denoc_ros.model.tree import INERTIAL_SENSORS, Tree
 from denoc_ros.settings import setting

@@ -17,10 +17,10 @@ from denoc_ros.identification.pages.identify_result import (
     result_page,
     result_text,
 )
+from denoc_ros.model.joint_units import Units
 from denoc_ros.model.tree import Tree
-from denoc_ros.reports.figures import Curve, Ink, Panel, line_figure
-from denoc_ros.reports.pages import PageSection, PageTable, ReportPage, Verdict, engineering
-from denoc_ros.reports.sections import Units
+from denoc_ros.pages.figures import Curve, Ink, Panel, line_figure
+from denoc_ros.pages.html_page import PageSection, PageTable, ReportPage, Verdict, engineering
 
 DRAWN = 400  # points of a curve
 

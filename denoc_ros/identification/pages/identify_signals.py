@@ -30,8 +30,8 @@ from denoc_ros.identification.pages.identify_result import (
     result_text,
 )
 from denoc_ros.identification.servo.servo_fit import Run, ServoFit
-from denoc_ros.reports.figures import RESULT_HEIGHT, Curve, Ink, Panel, line_figure
-from denoc_ros.reports.pages import Card, PageSection, PageTable, ReportPage, engineering
+from denoc_ros.pages.figures import RESULT_HEIGHT, Curve, Ink, Panel, line_figure
+from denoc_ros.pages.html_page import Card, PageSection, PageTable, ReportPage, engineering
 from denoc_ros.text_table import cell_text, text_table
 from denoc_ros.types import Array
 

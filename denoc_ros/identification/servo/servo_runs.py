@@ -12,15 +12,15 @@ import numpy as np
 
 from denoc_ros.bags.digest import file_hash
 from denoc_ros.bags.joint_state import JOINT_STATE
-from denoc_ros.bags.joint_table import joint_columns, joints_with, table_times
 from denoc_ros.bags.reader import BagMessage, Stamp, read_bag
 from denoc_ros.bags.run import TRAJECTORY, point_columns, point_times
 from denoc_ros.bags.series import JointSeries, read_joint_states
-from denoc_ros.bags.tables import is_table, read_table
 from denoc_ros.errors import BagError, ConfigError, IdentificationError
 from denoc_ros.identification.decay.channel import Channel
 from denoc_ros.identification.decay.modes import worst
 from denoc_ros.identification.servo.servo_fit import Run, ServoFit, fit_servo_runs
+from denoc_ros.identification.tables.joint_table import joint_columns, joints_with, table_times
+from denoc_ros.identification.tables.tables import is_table, read_table
 from denoc_ros.output_files import Document, plain
 from denoc_ros.settings import setting
 from denoc_ros.trajectories import SplineTrajectory

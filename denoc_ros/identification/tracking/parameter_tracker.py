@@ -20,12 +20,13 @@ from denoc_ros.identification.tracking.parameter_filter import (
     ExcitedDirections,
     ParameterFilter,
 )
-from denoc_ros.identification.tracking.tracked_model import BaseAt, BlockMeans, TrackedModel
+from denoc_ros.identification.tracking.tracked_model import BlockMeans, TrackedModel
 from denoc_ros.identification.tracking.tracker_settings import (
     TrackerSettings,
     tracked_bounds,
     tracked_paths,
 )
+from denoc_ros.runtime.adaptation import BaseAt
 from denoc_ros.types import Array, Flags
 
 DEVIATIONS = 4.0  # width of the bounds in deviations of what is not known yet

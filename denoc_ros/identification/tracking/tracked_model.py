@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from typing import NamedTuple
 
 import numpy as np
 
-from denoc_ros.dynamics.base.base_motion import BaseMotion
 from denoc_ros.dynamics.constrained_dynamics import mimic_ties
 from denoc_ros.dynamics.driven.driven_motion import driven_motion
 from denoc_ros.dynamics.parameter_columns import LiveNumbers
@@ -16,11 +15,10 @@ from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.stepper import Stepper
 from denoc_ros.errors import SolverError
 from denoc_ros.identification.tracking.block_sensitivity import BlockSensitivity, BlockSensors
+from denoc_ros.runtime.adaptation import BaseAt
 from denoc_ros.types import Array, Flags
 
 START = 0.005  # deviation of a tip's deflection at the start, as a share of the beam's length
-
-BaseAt = Callable[[float], BaseMotion | None]
 
 
 class BlockMeans(NamedTuple):

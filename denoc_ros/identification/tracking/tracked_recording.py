@@ -13,33 +13,9 @@ from denoc_ros.estimation.base_track import BaseRecord
 from denoc_ros.identification.model.sources import Recording, RecordingSettings, read_source
 from denoc_ros.identification.tracking.parameter_tracker import ParameterTracker
 from denoc_ros.identification.tracking.tracker_settings import TrackerSettings
+from denoc_ros.simulation.recorded.adapted import Adapted
 from denoc_ros.simulation.recorded.replay_settings import ReplayPlan, ReplaySettings
 from denoc_ros.types import Array
-
-NORMAL = 1.96  # deviations of half a 95 % interval
-
-
-@dataclass(frozen=True)
-class Adapted:
-    """Numbers of a robot over the time of a recording."""
-
-    paths: tuple[str, ...]
-    start: Array  # (p,) before the first joint state
-    bounds: Array  # (p, 2)
-    t: Array  # (k,) from the first joint state [s]: at the end of each block that was compared
-    # (k, p) in use since then, and their standard deviations
-    values: Array
-    deviations: Array
-    supported: Array  # (p,) bool: whether the data support the last values
-    cause: str  # why nothing is tracked at the end; '' if it is
-    restarts: int  # gaps that were not integrated over
-    failures: int  # states that the model could not go on from
-    model_error: float  # error of the rest of the model, as a share of its torques
-
-    @property
-    def last(self) -> Array:
-        """The last values (p,)."""
-        return self.values[-1] if len(self.values) else self.start
 
 
 @dataclass(frozen=True)
@@ -50,6 +26,16 @@ class AdaptSettings:
     # lowest and highest value by path; default half and one and a half of the present value
     bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     tracker: TrackerSettings = field(default_factory=TrackerSettings)
+
+    def along(
+        self,
+        robot: Robot,
+        plan: ReplayPlan,
+        settings: ReplaySettings,
+        base: BaseRecord | None = None,
+    ) -> Adapted:
+        """Return the numbers that a tracker finds along a bag; see :func:`adapted_along`."""
+        return adapted_along(robot, plan, settings, self, base)
 
 
 def adapted_along(

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 from denoc_ros.bags.series import elapsed, read_readings
-from denoc_ros.bags.tables import read_sheet
 from denoc_ros.cli.arguments import add_gravity, add_json, add_option, add_output
 from denoc_ros.cli.session.session_config import find_file
 from denoc_ros.cli.verb_result import VerbResult
@@ -27,6 +26,7 @@ from denoc_ros.identification.calibration import (
     read_motion,
     sensor_values,
 )
+from denoc_ros.identification.tables.tables import read_sheet
 from denoc_ros.model.overrides import edited_description, remounted_description
 from denoc_ros.model.sensors import message_place
 from denoc_ros.model.tree import INERTIAL_UNITS

@@ -34,7 +34,7 @@ from denoc_ros.identification.decay.channel import Channel
 from denoc_ros.identification.identification_result import RESULT_FILE, write_result
 from denoc_ros.identification.verbs.actions import ACTIONS
 from denoc_ros.output_files import Document, write_text
-from denoc_ros.reports.pages import ReportPage
+from denoc_ros.pages.html_page import ReportPage
 from denoc_ros.settings import declared
 
 Asked = tuple[tuple[float, float], int | None]  # band [Hz], number of modes

@@ -10,6 +10,7 @@ import numpy as np
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import SolverError, StateError
 from denoc_ros.estimation.observer import Observer
+from denoc_ros.runtime.adaptation import is_tracking
 from denoc_ros.runtime.live_observer import build_observer
 from denoc_ros.runtime.parameters.parameter_table import Settings
 from denoc_ros.types import Array
@@ -152,7 +153,7 @@ def effort_guard(
     """
     by_torque = settings.text('source') == 'torque'
     takes_effort = by_torque and settings.text('effort_source') == 'measured'
-    if not by_torque or settings.text('base_motion') != 'off' or settings.texts('adapt'):
+    if not by_torque or settings.text('base_motion') != 'off' or is_tracking(settings):
         return EffortGuard(None, joints, takes_effort)
     by_joints = build_observer(
         robot, settings.replace({'source': 'joints'}), period, joints, posture

@@ -22,7 +22,7 @@ LOOK = 0.02  # s between looks whether it is
 RESTART_AFTER = 1.0  # s between starts of processes that die
 # modules stay: to look for garbage among them takes an eighth of a start
 CHILD = (
-    'import gc; gc.disable(); from denoc_ros.planning.planner_process import main; '
+    'import gc; gc.disable(); from denoc_ros.runtime.worker.worker_process import main; '
     'gc.freeze(); gc.enable(); main()'
 )
 # a process that is stopped before its exec would hold all threads of its parent

@@ -19,12 +19,8 @@ from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import BagError, SolverError, StateError
 from denoc_ros.estimation.base_track import BaseRecord
 from denoc_ros.estimation.torque_along import TorqueReplay, Torques
-from denoc_ros.identification.tracking.tracked_recording import (
-    Adapted,
-    AdaptSettings,
-    adapted_along,
-)
 from denoc_ros.output_files import require_new, whole_file
+from denoc_ros.simulation.recorded.adapted import AdaptAlong, Adapted
 from denoc_ros.simulation.recorded.agreement import Agreement, Comparison, Shares, Traces
 from denoc_ros.simulation.recorded.recorded_stream import LONGEST_GAP, Block, JointStream
 from denoc_ros.simulation.recorded.replay_settings import (
@@ -109,7 +105,7 @@ def replay_bag(
     output: str | Path | None = None,
     settings: ReplaySettings | None = None,
     progress: Progress | None = None,
-    adapt: AdaptSettings | None = None,
+    adapt: AdaptAlong | None = None,
 ) -> Replay:
     """Recompute torque and deflection along the motion that a bag has.
 
@@ -128,7 +124,7 @@ def replay_bag(
         How.
     progress : callable, optional
         Called with the share of the work that was done since the last call.
-    adapt : AdaptSettings, optional
+    adapt : AdaptAlong, optional
         Numbers of the robot that are tracked along the motion, as the predictor does it; torques
         and deflections are those of the robot as it is given.
 
@@ -322,9 +318,9 @@ class _Work:
             deflection_traces=self._deflection_traces,
         )
 
-    def adapted(self, adapt: AdaptSettings) -> Adapted:
+    def adapted(self, adapt: AdaptAlong) -> Adapted:
         """Go through the bag once for the numbers that are tracked."""
-        return adapted_along(self._robot, self.plan, self._settings, adapt, self._base)
+        return adapt.along(self._robot, self.plan, self._settings, self._base)
 
     def _fitted(self) -> FrictionFit:
         """Go through the bag once for the friction alone."""

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from denoc_ros.identification.tracking.tracked_recording import NORMAL, Adapted
 from denoc_ros.output_files import plain
+from denoc_ros.simulation.recorded.adapted import NORMAL, Adapted
 from denoc_ros.simulation.recorded.agreement import Agreement
 from denoc_ros.simulation.recorded.replay_bag import Replay
 from denoc_ros.simulation.recorded.residual_friction import TERMS, FrictionFit
@@ -127,3 +127,27 @@ def _adapted(found: Adapted) -> dict[str, Any]:
 
 def _by_name(names: Sequence[str], values: NDArray[Any]) -> dict[str, float | None]:
     return dict(zip(names, map(plain, values), strict=True))
+
+
+def error_rows(summary: Mapping[str, Any]) -> Iterator[str]:
+    """Yield the errors of each model and of each prediction as text for the terminal."""
+    for what in ('torque', 'deflection'):
+        for name, columns in summary[what].items():
+            for column, one in columns.items():
+                yield f'{what} {name}, {column}: rms {one["rms"]:.3g} of {one["measured_rms"]:.3g}'
+
+
+def lines(summary: Mapping[str, Any], tables: Iterable[str]) -> Iterator[str]:
+    """Yield a replay's numbers as lines of text for the terminal, with tables of its errors."""
+    yield (
+        f'{summary["bag"]}: {summary["samples"]} joint states in {summary["duration_s"]:.4g} s, '
+        f'{summary["derivative"]} {summary["cutoff_hz"]:.3g} Hz'
+    )
+    for what in ('held_joints', 'ignored_joints'):
+        if summary[what]:
+            yield f'  {what.replace("_", " ")}: {", ".join(summary[what])}'
+    yield from tables
+    if summary['output']:
+        yield f'bag     {summary["output"]}'
+    for doubt in summary['doubts']:
+        yield f'doubtful: {doubt}'

@@ -12,9 +12,15 @@ import numpy as np
 from denoc_ros.bags.joint_state import FIELDS, JOINT_STATE, JointStateMessage
 from denoc_ros.bags.reader import STAMP, Stamp
 from denoc_ros.bags.series import JointSeries
-from denoc_ros.bags.tables import UNITS, Table, read_table, time_column, unit_of_times
 from denoc_ros.bags.writer import BagWriter
 from denoc_ros.errors import BagError
+from denoc_ros.identification.tables.tables import (
+    UNITS,
+    Table,
+    read_table,
+    time_column,
+    unit_of_times,
+)
 from denoc_ros.settings import positive, setting
 from denoc_ros.types import Array
 

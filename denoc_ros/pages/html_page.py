@@ -15,7 +15,7 @@ from denoc_ros.units import NONE, PREFIXES, si_prefix
 if TYPE_CHECKING:
     from markupsafe import Markup
 
-    from denoc_ros.reports.figures import Figure
+    from denoc_ros.pages.figures import Figure
 
 Tone = Literal['good', 'doubtful', 'bad']
 
@@ -92,7 +92,7 @@ class ReportPage:
         from jinja2 import Environment, PackageLoader
 
         environment = Environment(
-            loader=PackageLoader('denoc_ros.reports', 'templates'),
+            loader=PackageLoader('denoc_ros.pages', 'templates'),
             autoescape=True,
             finalize=_shown,
             trim_blocks=True,

@@ -20,7 +20,7 @@ from matplotlib.figure import Figure as Canvas
 from matplotlib.ticker import LogFormatterSciNotation, LogLocator
 from matplotlib.transforms import Bbox
 
-from denoc_ros.reports.loop_timing import LoopMeasure
+from denoc_ros.pages.loop_timing import LoopMeasure
 from denoc_ros.terminal_text import visible
 from denoc_ros.types import Array
 from denoc_ros.units import NONE, si_prefix

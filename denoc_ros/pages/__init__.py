@@ -1,0 +1,1 @@
+"""The layout of all HTML pages, and figures as inline SVG."""
