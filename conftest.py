@@ -14,6 +14,8 @@ from hypothesis import settings
 from ros_domains import claimed_domain
 from simulated_bags import SimulatedBag, make_simulated_bag
 
+pytest_plugins = ['comparison_fixtures', 'recorded_run_fixtures']
+
 # a loaded machine, or kernels that check every offset, take their time
 settings.register_profile('unhurried', deadline=None)
 settings.load_profile('unhurried')
@@ -22,29 +24,29 @@ ROOT = Path(__file__).resolve().parent
 
 # files that take longest, so that none of them is begun last (`--no-loadscope-reorder`)
 LONGEST = (
-    'test/control/test_feedback_by_gyroscopes.py',
-    'test/control/test_state_feedback.py',
+    'test/feedback/test_feedback_by_gyroscopes.py',
+    'test/feedback/test_state_feedback.py',
     'test/test_site.py',
     'test/test_docs.py',
-    'test/nodes/test_shaper.py',
-    'test/nodes/test_input_faults.py',
-    'test/nodes/test_up_simulated.py',
-    'test/nodes/test_up_failures.py',
-    'test/nodes/test_processes.py',
-    'test/nodes/test_lockstep.py',
-    'test/nodes/test_up.py',
-    'test/nodes/test_up_auto.py',
-    'test/nodes/test_shaper_up.py',
-    'test/nodes/test_ends.py',
-    'test/nodes/test_two_robots.py',
-    'test/runtime/test_gain_worker.py',
-    'test/runtime/test_planner.py',
-    'test/nodes/test_mujoco_plant.py',
-    'test/nodes/test_recorder_process.py',
+    'test/planning/nodes/test_shaper.py',
+    'test/nodes/predictor/test_input_faults.py',
+    'test/nodes/session/test_up_simulated.py',
+    'test/nodes/session/test_up_failures.py',
+    'test/nodes/test_node_processes.py',
+    'test/nodes/session/test_lockstep.py',
+    'test/nodes/session/test_up.py',
+    'test/nodes/session/test_up_auto.py',
+    'test/planning/nodes/test_shaper_up.py',
+    'test/nodes/session/test_node_ends.py',
+    'test/nodes/session/test_two_robots.py',
+    'test/feedback/test_gain_worker.py',
+    'test/planning/test_worker_process.py',
+    'test/export/nodes/test_mujoco_plant.py',
+    'test/nodes/recorder/test_recorder_process.py',
     'campaigns/bench/test_request_lateness.py',
     'campaigns/bench/test_viewer_lateness.py',
-    'test/control/test_rest_in_minimum_time.py',
-    'test/control/test_rest_to_rest.py',
+    'test/planning/rest/test_rest_in_minimum_time.py',
+    'test/planning/rest/test_rest_to_rest.py',
     'test/cli/test_streams.py',
     'test/identification/model/test_far_starts.py',
     'test/identification/model/test_broken_recordings.py',
@@ -53,9 +55,9 @@ LONGEST = (
     'test/identification/model/test_excitation.py',
     'test/identification/model/test_identified_models.py',
     'test/identification/model/test_followed_vibration.py',
-    'test/control/test_minimum_time.py',
-    'test/control/test_contact.py',
-    'test/control/test_floating_tips.py',
+    'test/planning/timing/test_minimum_time.py',
+    'test/feedback/test_contact.py',
+    'test/planning/tip/test_floating_tips.py',
     'test/estimation/test_fusion.py',
     'campaigns/bench/test_bench.py',
     'test/test_package.py',

@@ -13,7 +13,7 @@ import time
 import numpy as np
 from bench.rest_by_ipopt import EFFORT, EI, TWO, arm_of
 from control_runs import cycloid
-from path_by_ipopt import PathBeams
+from ipopt_path import PathBeams
 from scipy.interpolate import make_interp_spline
 
 import denoc_ros as dn

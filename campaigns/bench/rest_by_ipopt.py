@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 from control_runs import ROBOTS
+from ipopt_rest import Beams, RestBeams
 from planar_chains import FLEXIBLE, planar_chain
-from rest_by_ipopt import Beams, RestBeams
 
 import denoc_ros as dn
 from denoc_ros.dynamics.robot import Robot
