@@ -2,9 +2,10 @@
 
 Positions of many points of every body are written as functions of the coordinates, in power series
 (test/support/oracles/jets.py): their rates, accelerations and Jacobians then give Lagrange's
-equations by d'Alembert's sums, with no recursion, no propagation matrix and no modal invariant. A beam is its
-Gauss points, a rigid body the four homogeneous points (position, weight) of its pseudo-inertia's
-eigenvectors; torsion's kinetic energy is differentiated as Lagrange's equation says.
+equations by d'Alembert's sums, with no recursion, no propagation matrix and no modal invariant. A
+beam is its Gauss points, a rigid body the four homogeneous points (position, weight) of its
+pseudo-inertia's eigenvectors; torsion's kinetic energy is differentiated as Lagrange's equation
+says.
 """
 
 from __future__ import annotations

@@ -198,10 +198,10 @@ def _text(error: float) -> str:
 
 HEAD = """# Which shape functions
 
-Written by `python test/support/oracles/shape_study.py`; a test holds it to the code. Relative errors of
-a uniform beam on a revolute joint against closed forms, for each `shape` and number of `modes`. The
-link frame is tangent to the beam at its root for the clamped shapes and craig-bampton; for
-pinned-pinned its X axis is the beam's chord.
+Written by `python test/support/oracles/shape_study.py`; a test holds it to the code. Relative
+errors of a uniform beam on a revolute joint against closed forms, for each `shape` and number of
+`modes`. The link frame is tangent to the beam at its root for the clamped shapes and
+craig-bampton; for pinned-pinned its X axis is the beam's chord.
 
 The eigenvalues agree with the book's table 3.2 to its three decimals. Its last two rows have wrong
 labels: 4.730, 7.853, ... belong to a beam with *both ends clamped* (a free beam has the same,
