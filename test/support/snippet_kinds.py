@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import yaml
+from campaign_table import CAMPAIGNS
 from data_files import DATA
 from launch_files import arguments as launch_arguments
 from launch_stand_in import flat
@@ -63,10 +64,13 @@ def check_make(words: list[str]) -> None:
 
 
 def check_python(words: list[str]) -> None:
-    """A module of the tests or of the package that has the options given, a venv, or a file."""
+    """A campaign or module that has the options given, a venv, or a file."""
     name = words[1] if words[0] == '-m' else ''
     if name == 'venv':
         return
+    if name == 'campaigns':
+        assert words[2] in CAMPAIGNS, f'no campaign {words[2]}'
+        name = CAMPAIGNS[words[2]].command.split()[0]
     file = Path(name.replace('.', '/') + '.py') if name else Path(words[0])
     found = [base / file for base in (ROOT / 'campaigns', ROOT) if (base / file).is_file()]
     assert found, f'there is no {file}'
