@@ -28,6 +28,15 @@ class Campaign(NamedTuple):
 
 
 CAMPAIGNS = {
+    'bench': Campaign(
+        'book bench', 'results and time of the dynamics beside Pinocchio', 'minutes'
+    ),
+    'stability': Campaign(
+        'book stability', "the recursion's numerical stability beside Cholesky's", 'minutes'
+    ),
+    'selftest': Campaign(
+        'book selftest', 'accuracy of the estimators on synthetic decays', 'minutes'
+    ),
     'rates': Campaign(
         'bench.rates', 'missed deadlines, lost messages and load of the nodes', '7 min'
     ),

@@ -16,9 +16,9 @@ from control_runs import ROBOTS, cycloid
 from timed_paths import SHARES, rigid_arm
 
 import denoc_ros as dn
+from denoc_ros.cli.dh import urdf_text
 from denoc_ros.control.limit_rows import LimitRows, motion_limits
-from denoc_ros.studies.dh import urdf_text
-from denoc_ros.studies.dh_system import read_system
+from denoc_ros.model.dh_system import read_system
 from denoc_ros.types import Array
 
 LEAST = 1e-9  # a strain that a link has at all

@@ -20,12 +20,12 @@ from denoc_ros.runtime.realtime import SINGLE_THREADED
 os.environ.update(SINGLE_THREADED)
 
 import numpy as np
+from book.selftest import Defects, Truth, synthetic_decay
 
 from denoc_ros.cli.batch import FAILURE, WorkerConfig
 from denoc_ros.cli.identify_records import MODAL, decay_options
 from denoc_ros.cli.identify_rows import identify_all
 from denoc_ros.cli.main import build_parser
-from denoc_ros.studies.selftest import Defects, Truth, synthetic_decay
 
 ROUNDS = 2
 BAG = Defects(40.0, offset=0.1, drift=0.05, jitter=0.1, lost=0.05)

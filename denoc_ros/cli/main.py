@@ -10,14 +10,21 @@ import logging
 import os
 import signal
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from pathlib import Path
 from typing import Any, NoReturn
 
 from denoc_ros.cli import end_at_once
 from denoc_ros.cli.interrupts import interrupt, is_made_by_interrupt, noted_interrupts
-from denoc_ros.cli.verbs import ACTIONS, BAD_INPUT, DEFAULT_ACTION, INTERRUPTED, STUDIES, VERBS
+from denoc_ros.cli.verbs import (
+    ACTIONS,
+    BAD_INPUT,
+    CAMPAIGNS,
+    DEFAULT_ACTION,
+    INTERRUPTED,
+    VERBS,
+)
 from denoc_ros.errors import ConfigError, DenocError
 from denoc_ros.terminal_text import say, visible_record
 
@@ -74,7 +81,25 @@ class Version(argparse.Action):
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run one verb of the command line.
+    """Run one verb of the command line; return its exit status."""
+    arguments = list(sys.argv[1:] if argv is None else argv)
+    name = f'denoc {" ".join(arguments[:1])}'
+    return run_command(name, build_parser, _with_action(arguments), is_process=argv is None)
+
+
+def run_command(
+    name: str, build: Callable[[list[str]], Parser], arguments: list[str], is_process: bool
+) -> int:
+    """Run a command: its errors are messages, its result is shown.
+
+    Parameters
+    ----------
+    name : str
+        What messages begin with.
+    build : callable
+        Returns the parser of the arguments, whose `execute` runs the command.
+    is_process : bool
+        Whether this process runs nothing else.
 
     Returns
     -------
@@ -82,22 +107,20 @@ def main(argv: Sequence[str] | None = None) -> int:
         0 good, 1 bad input (message on stderr), 2 doubtful result, 3 not identifiable,
         130 interrupted.
     """
-    is_process = argv is None
     if is_process:
         gc.set_threshold(GARBAGE)
         os.environ.setdefault(*ONE_THREAD)
         if signal.getsignal(signal.SIGINT) in (signal.default_int_handler, end_at_once):
             signal.signal(signal.SIGINT, interrupt)
-    arguments = list(sys.argv[1:] if argv is None else argv)
     try:
         if is_process:
             _require_streams()
-        status = _execute(_with_action(arguments), is_process)
+        status = _execute(name, build, arguments, is_process)
     except BaseException as error:
         if not (isinstance(error, KeyboardInterrupt) or is_made_by_interrupt(error)):
             raise
         _ignore_interrupts(is_process)
-        say(f'denoc {" ".join(arguments[:1])}: interrupted', file=sys.stderr)
+        say(f'{name}: interrupted', file=sys.stderr)
         if is_process:
             _leave_compiler()
         return INTERRUPTED
@@ -105,17 +128,19 @@ def main(argv: Sequence[str] | None = None) -> int:
     return status
 
 
-def _execute(arguments: list[str], is_process: bool) -> int:
-    """Run the verb that the arguments name; errors are messages."""
-    verb = arguments[0] if arguments else ''
+def _execute(
+    name: str, build: Callable[[list[str]], Parser], arguments: list[str], is_process: bool
+) -> int:
+    """Run the command; errors are messages."""
     try:
         with noted_interrupts() if is_process else nullcontext():
-            parser = build_parser(arguments)
+            parser = build(arguments)
         args = parser.parse_args(arguments)
         ConfigError.raise_any('command line', args.findings)
         from denoc_ros.reports.provenance import command_line
 
-        args.command, args.is_process = command_line(arguments), is_process
+        args.command = command_line(arguments, parser.prog)
+        args.is_process = is_process
         _show_log()
         found = args.execute(args)
         status = found if isinstance(found, int) else found.show(args.json)
@@ -124,21 +149,21 @@ def _execute(arguments: list[str], is_process: bool) -> int:
         _flush_or_discard()  # of --help
         return int(stop.code or 0)
     except DenocError as error:
-        return _complain(verb, str(error))
+        return _complain(name, str(error))
     except BrokenPipeError:
         _discard_output()
         return 0
     except FileExistsError as error:
-        return _complain(verb, f'{error.filename}: output must not exist yet, got an existing one')
+        return _complain(name, f'{error.filename}: output must not exist yet, got an existing one')
     except OSError as error:
-        status = _complain(verb, f'{error.filename or "output"}: {error.strerror or error}')
+        status = _complain(name, f'{error.filename or "output"}: {error.strerror or error}')
         _flush_or_discard()
     except MemoryError as error:
-        status = _complain(verb, _MEMORY.format(str(error).strip() or 'too little'))
+        status = _complain(name, _MEMORY.format(str(error).strip() or 'too little'))
     except (ImportError, SystemError) as error:
         if is_made_by_interrupt(error) or not any(word in str(error) for word in _NO_MEMORY):
             raise
-        status = _complain(verb, _MEMORY.format(error))
+        status = _complain(name, _MEMORY.format(error))
     return status
 
 
@@ -150,13 +175,17 @@ def build_parser(arguments: Sequence[str] = ()) -> Parser:
     )
     parser.add_argument('--version', action=Version, nargs=0, help='print the version and exit')
     subparsers = parser.add_subparsers(dest='verb', metavar='VERB', required=True)
+    for words, campaign in CAMPAIGNS.items():
+        if ' '.join(arguments[: 1 + words.count(' ')]) == words:
+            raise DenocError(
+                f'{words} is a campaign: run python -m campaigns {campaign} in a checkout'
+            )
     if not arguments or arguments[0] not in VERBS:
         for name, text in VERBS.items():
             subparsers.add_parser(name, help=text)
         return parser
     verb = arguments[0]
-    room = 'studies' if verb in STUDIES else 'cli'
-    module = importlib.import_module(f'denoc_ros.{room}.{verb}')
+    module = importlib.import_module(f'denoc_ros.cli.{verb}')
     named = subparsers.add_parser(verb, help=VERBS[verb], description=module.DESCRIPTION)
     if verb == 'identify':
         module.add_actions(named, arguments[1] if len(arguments) > 1 else '')
@@ -170,7 +199,8 @@ def _with_action(arguments: list[str]) -> list[str]:
     """Put a verb's default action in where a verb that has actions is given none."""
     if len(arguments) < 2 or arguments[0] != 'identify' or arguments[1].startswith('-'):
         return arguments
-    given = [] if arguments[1] in ACTIONS else [DEFAULT_ACTION]
+    is_action = arguments[1] in ACTIONS or ' '.join(arguments[:2]) in CAMPAIGNS
+    given = [] if is_action else [DEFAULT_ACTION]
     return [arguments[0], *given, *arguments[1:]]
 
 
@@ -194,11 +224,11 @@ def _leave_compiler() -> None:
         os._exit(INTERRUPTED)
 
 
-def _complain(verb: str, message: str) -> int:
+def _complain(name: str, message: str) -> int:
     lines = [line for line in message.splitlines() if line.strip()]
     for line in lines or ['an error without words']:
         more = f'… ({len(line) - LONGEST} characters more)' if len(line) > LONGEST else ''
-        say(f'denoc {verb}: {line[:LONGEST]}{more}', file=sys.stderr)
+        say(f'{name}: {line[:LONGEST]}{more}', file=sys.stderr)
     return BAD_INPUT
 
 

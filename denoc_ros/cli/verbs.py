@@ -20,9 +20,7 @@ VERBS = {
     'dh': 'make a URDF with flexible links from a Denavit-Hartenberg table',
     'export': "write a robot as MuJoCo's or Gazebo's model, beams as chains of sprung rods",
     'reduce': "reduce a link from its mesh, or another program's matrices, to a few modes",
-    'stability': "compare the recursion's numerical stability with dense Cholesky's",
     'warmup': 'compile all kernels now, once per version and user',
-    'bench': 'check results, then time the dynamics beside Pinocchio and dense Cholesky',
 }
 
 
@@ -63,13 +61,10 @@ ACTIONS = {
     'apply': ActionRow("write identified damping into a robot's URDF", RESULTS),
     'compare': ActionRow('modes of several runs: mean, spread, repeatability', RESULTS),
     'postures': ActionRow('modes at several postures as a table for the shaper', RESULTS),
-    'selftest': ActionRow(
-        'accuracy of the estimators on synthetic decays with known truth', 'studies.selftest'
-    ),
 }
 
-# verbs of the room of studies, which no other room imports
-STUDIES = ('dh', 'stability', 'bench')
+# Commands that a checkout has as campaigns; they are not listed.
+CAMPAIGNS = {'bench': 'bench', 'stability': 'stability', 'identify selftest': 'selftest'}
 DEFAULT_ACTION = 'modal'
 
 BAD_INPUT = 1

@@ -55,7 +55,6 @@ ROOMS = {
     'runtime': 'clocks, limits, references and live models of the nodes',
     'nodes': 'the ROS 2 nodes',
     'cli': 'the code of the commands',
-    'studies': 'benchmarks, stability study, self tests',
 }
 
 

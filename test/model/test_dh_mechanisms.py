@@ -11,11 +11,11 @@ import yaml
 from loop_oracle import LoopOracle
 from mechanisms import CONFIG, DOWN, SHIPPED, START, mechanism
 
+from denoc_ros.cli.dh import urdf_text
 from denoc_ros.cli.main import main
 from denoc_ros.errors import ConfigError
+from denoc_ros.model.dh_system import load_system, read_system
 from denoc_ros.model.urdf import load_tree
-from denoc_ros.studies.dh import urdf_text
-from denoc_ros.studies.dh_system import load_system, read_system
 
 ROD: dict[str, Any] = {'a': 1.0, 'm': 2.0, 'EI': 100.0}
 TRIANGLE: dict[str, Any] = {

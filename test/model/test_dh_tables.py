@@ -11,14 +11,14 @@ import numpy as np
 import pytest
 import yaml
 
+from denoc_ros.cli import dh as command
+from denoc_ros.cli.dh import rod_inertia, urdf_text
 from denoc_ros.errors import ConfigError, ModelError
+from denoc_ros.model.dh_system import DHLink, DHSystem, load_system, read_system
 from denoc_ros.model.inertia import inverse_transform
 from denoc_ros.model.shapes import WaveShapes
 from denoc_ros.model.tree import Joint, JointKind, Tree
 from denoc_ros.model.urdf import load_tree
-from denoc_ros.studies import dh as command
-from denoc_ros.studies.dh import rod_inertia, urdf_text
-from denoc_ros.studies.dh_system import DHLink, DHSystem, load_system, read_system
 from denoc_ros.types import Array
 
 CONFIG = Path(__file__).resolve().parents[2] / 'config'

@@ -10,9 +10,9 @@ from mechanisms import CONFIG, DOWN, START, mechanism
 
 import denoc_ros as dn
 from denoc_ros.cli.config import read_yaml
+from denoc_ros.cli.dh import urdf_text
+from denoc_ros.model.dh_system import read_system
 from denoc_ros.simulation.simulate import Run
-from denoc_ros.studies.dh import urdf_text
-from denoc_ros.studies.dh_system import read_system
 from denoc_ros.types import Array
 
 # Reference column of a joint angle -> our joint, of a tip deflection -> our link and direction.

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from denoc_ros.studies.dh import urdf_text
-from denoc_ros.studies.dh_system import load_system
+from denoc_ros.cli.dh import urdf_text
+from denoc_ros.model.dh_system import load_system
 
 CONFIG = Path(__file__).resolve().parents[2] / 'config'
 DOWN = (0.0, -9.81, 0.0)

@@ -22,9 +22,9 @@ from denoc_ros.cli.config import NODES, find_file, load_config
 from denoc_ros.cli.main import build_parser, main
 from denoc_ros.cli.simulate import prepare
 from denoc_ros.control.mode_table import read_mode_table
+from denoc_ros.model.dh_system import load_system
 from denoc_ros.model.urdf import load_tree
 from denoc_ros.simulation.scenario import KEYS as SCENARIO_KEYS
-from denoc_ros.studies.dh_system import load_system
 from denoc_ros.yaml_text import load_yaml
 
 ROOT = Path(__file__).resolve().parents[2]

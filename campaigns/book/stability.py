@@ -1,4 +1,4 @@
-"""`denoc stability ROBOT SCENARIO`: the recursion beside dense Cholesky, by three criteria."""
+"""The recursion beside dense Cholesky, by three criteria."""
 
 from __future__ import annotations
 
@@ -8,6 +8,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from book.stability_study import (
+    ACCEPTED_DEVIATION,
+    ACCEPTED_POWER,
+    SOLUTION_METHOD,
+    SOLUTION_TOLERANCES,
+    Measures,
+    Study,
+    study_stability,
+)
 
 from denoc_ros.cli.arguments import add_json, add_option, add_output, given_file
 from denoc_ros.cli.progress import share_bar
@@ -19,15 +28,6 @@ from denoc_ros.reports.figures import Curve, Figure, Ink, Panel, line_figure
 from denoc_ros.reports.pages import Card, PageSection, PageTable, ReportPage, Verdict, engineering
 from denoc_ros.reports.provenance import named_file, provenance
 from denoc_ros.simulation.scenario import Scenario
-from denoc_ros.studies.stability_study import (
-    ACCEPTED_DEVIATION,
-    ACCEPTED_POWER,
-    SOLUTION_METHOD,
-    SOLUTION_TOLERANCES,
-    Measures,
-    Study,
-    study_stability,
-)
 from denoc_ros.types import Array
 
 DESCRIPTION = (
@@ -40,7 +40,7 @@ DESCRIPTION = (
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Declare the verb's arguments."""
+    """Declare the arguments."""
     add_option(parser, 'robot', 'the URDF file')
     add_option(
         parser, 'scenario', 'a YAML file with torques, such as config/scenarios/stability_*.yaml'
