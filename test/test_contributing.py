@@ -30,7 +30,7 @@ def test_commands_exist(repository: Path) -> None:
     text = (repository / 'CONTRIBUTING.md').read_text()
     makefile = (repository / 'Makefile').read_text()
     targets = set(re.findall(r'`?make (\w+)', text))
-    assert {'venv', 'lint', 'check', 'test', 'readme', 'rates'} <= targets
+    assert {'venv', 'lint', 'check', 'test'} <= targets
     for target in targets:
         assert re.search(rf'^{target}:', makefile, re.MULTILINE), target
     # a path may name a file of the reader's own

@@ -1,6 +1,6 @@
 """Motions in minimum time against a single factor, and rigid ones against TOPP-RA.
 
-Prints tables: `python -m bench.fastest [PATHS] [ROBOT ...]`; the robot `nodes` stands for the
+Prints tables: `python -m campaigns fastest [PATHS] [ROBOT ...]`; the robot `nodes` stands for the
 processor time of searches on ever finer grids.
 """
 

@@ -1,6 +1,6 @@
 """Throughput of `denoc identify modal` over a folder: local workers against one process.
 
-Run as `python -m bench.identify_folder [RECORDS] [WORKERS]`. Rounds
+Run as `python -m campaigns folder [RECORDS] [WORKERS]`. Rounds
 alternate, so that what else the machine does falls on both; processor time counts what a record
 costs, with scheduling, transport and the start of the workers.
 """

@@ -70,7 +70,9 @@ def check_python(words: list[str]) -> None:
         return
     if name == 'campaigns':
         assert words[2] in CAMPAIGNS, f'no campaign {words[2]}'
-        name = CAMPAIGNS[words[2]].command.split()[0]
+        name = CAMPAIGNS[words[2]].command.replace(' ', '.')  # `book bench` is in book/bench.py
+        if name.startswith('pytest'):
+            return
     file = Path(name.replace('.', '/') + '.py') if name else Path(words[0])
     found = [base / file for base in (ROOT / 'campaigns', ROOT) if (base / file).is_file()]
     assert found, f'there is no {file}'
