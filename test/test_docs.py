@@ -91,9 +91,10 @@ def test_every_tutorial_says_how_long_its_commands_take() -> None:
         assert re.search(r'commands take \d+ s of processor time', text), page.name
 
 
-def test_every_page_is_linked_from_the_readme() -> None:
-    linked = re.findall(r'\]\(docs/([^)#]+\.md)', PAGES[0].read_text(encoding='utf-8'))
-    assert {page.name for page in PAGES[1:]} <= set(linked)
+def test_every_page_is_linked_from_the_index() -> None:
+    index = ROOT / 'docs' / 'index.md'
+    linked = re.findall(r'\]\(([^)#]+\.md)', index.read_text(encoding='utf-8'))
+    assert {page.name for page in PAGES[1:] if page != index} <= set(linked)
 
 
 @pytest.mark.parametrize(
