@@ -275,19 +275,20 @@ def draw_header(figure: Figure, y: float, title: str, caption: str, time: str = 
     time : str
         The longest text of the time.
     """
+    sizes = 11.0, 11.0, 9.0
     line: dict[str, Any] = {'va': 'center', 'parse_math': False}
     texts = (
-        figure.text(HEADER_SIDE, y, visible(title), size=11, weight='bold', color=INK, **line),
-        figure.text(0.5, y, visible(time), size=11, color=INK, ha='center', **line),
-        figure.text(
-            1.0 - HEADER_SIDE, y, visible(caption), size=9, color=MUTED, ha='right', **line
-        ),
+        figure.text(HEADER_SIDE, y, visible(title), weight='bold', color=INK, **line),
+        figure.text(0.5, y, visible(time), color=INK, ha='center', **line),
+        figure.text(1.0 - HEADER_SIDE, y, visible(caption), color=MUTED, ha='right', **line),
     )
+    for text, size in zip(texts, sizes, strict=True):
+        text.set_fontsize(size)
     gaps = 2.0 * HEADER_SIDE * (len(texts) - 1)
     room = (1.0 - 2.0 * HEADER_SIDE - gaps) * figure.bbox.width
     needed = sum(text.get_window_extent().width for text in texts)
-    for text in texts:
-        text.set_size(text.get_size() * min(1.0, room / needed))
+    for text, size in zip(texts, sizes, strict=True):
+        text.set_fontsize(size * min(1.0, room / needed))
     left, _, right = (text.get_window_extent() for text in texts)
     texts[1].set_x(0.5 * (left.x1 + right.x0) / figure.bbox.width)
     return texts[1]
