@@ -37,6 +37,8 @@ INK, MUTED, GRID = '#20242a', '#6b7280', '#e5e7eb'
 CURVES = ('#d1622b', '#1f6fb2', '#2e8b57', '#8e5ea2', '#b8860b', '#4b5563')
 MOST_CURVES = 6  # of a chart; the largest are shown
 MOST_CHARTS = 3
+LEGEND_COLUMNS = 2  # Two names of curves are at most as wide as a chart.
+LEGEND_ROW = 0.25  # Height of a row of a legend, as a share of the height of the curves.
 SMALLEST = 1e-6  # prefix on an axis
 
 
@@ -444,9 +446,12 @@ def _chart(axes: Axes, run: RecordedRun, group: str, names: Sequence[str]) -> No
     title = f'{what}{left_out} [{prefix}{unit}]' if unit else f'{what}{left_out}'
     axes.set_title(title, loc='left', size=8.5, color=INK, pad=3)
     axes.legend(
-        fontsize=6.5, frameon=False, loc='lower right', bbox_to_anchor=(1.02, 0.98), ncols=3,
+        fontsize=6.5, frameon=False, loc='upper left', ncols=LEGEND_COLUMNS,
         handlelength=1.4, columnspacing=0.8, labelcolor=MUTED, borderpad=0.0, labelspacing=0.2,
     )  # fmt: skip
+    # The legend has rows of its own above the curves.
+    low, high = axes.get_ylim()
+    axes.set_ylim(low, high + LEGEND_ROW * -(-len(shown) // LEGEND_COLUMNS) * (high - low))
     start, end = run.span
     axes.set_xlim(start, end if end > start else start + 1.0)
     axes.set_xlabel('time [s]', size=8, color=MUTED, labelpad=1)
