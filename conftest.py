@@ -59,7 +59,7 @@ LONGEST = (
     'test/feedback/test_contact.py',
     'test/planning/tip/test_floating_tips.py',
     'test/estimation/test_fusion.py',
-    'campaigns/bench/test_bench.py',
+    'campaigns/book/test_bench.py',
     'test/test_package.py',
     'test/viewer/test_page_in_browser.py',
     'test/viewer/test_page.py',

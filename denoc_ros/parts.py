@@ -24,6 +24,8 @@ class Verb(NamedTuple):
 
     help: str
     module: str
+    # the module with its `ACTIONS` and its `DEFAULT_ACTION`, of a verb that has actions
+    actions: str = ''
 
 
 class NodeModules(NamedTuple):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import xml.etree.ElementTree as ElementTree
+from importlib.metadata import metadata
 from pathlib import Path
 
 import pytest
@@ -30,7 +31,7 @@ def test_commands_exist(repository: Path) -> None:
     text = (repository / 'CONTRIBUTING.md').read_text()
     makefile = (repository / 'Makefile').read_text()
     targets = set(re.findall(r'`?make (\w+)', text))
-    assert {'venv', 'lint', 'check', 'test', 'readme', 'rates'} <= targets
+    assert {'venv', 'lint', 'check', 'test'} <= targets
     for target in targets:
         assert re.search(rf'^{target}:', makefile, re.MULTILINE), target
     # a path may name a file of the reader's own
@@ -57,3 +58,14 @@ def test_templates_ask_for_a_check_and_a_recording(repository: Path, name: str) 
     assert len(fields) == len(form['body'])
     assert 'denoc check --json' in fields['check']
     assert 'recording' in fields['recording'].lower()
+
+
+def test_workflows_run_the_versions_of_the_package(repository: Path) -> None:
+    folder = repository / '.github' / 'workflows'
+    job = yaml.safe_load((folder / 'test.yml').read_text())['jobs']['test']
+    assert job['steps'][-1] == {'run': '.ci/run'}
+    package = metadata('denoc_ros').get_all('Classifier') or []
+    versions = [name.rpartition(' ')[2] for name in package if re.search(r':: 3\.\d+$', name)]
+    assert job['strategy']['matrix']['python'] == versions
+    steps = yaml.safe_load((folder / 'build.yml').read_text())['jobs']['build']['steps']
+    assert 'make docs' in [step.get('run') for step in steps]

@@ -318,10 +318,10 @@ ROSDEP = {
 }
 
 
-def test_package_xml_has_what_rosdep_has_and_the_readme_supplies_the_rest(
+def test_package_xml_has_what_rosdep_has_and_the_page_supplies_the_rest(
     repository: Path, wheel: Path
 ) -> None:
-    """Every requirement of the wheel is a key of rosdep or in the README's command."""
+    """Every requirement of the wheel is a key of rosdep or in the command of docs/install.md."""
     needed = {}
     for line in wheel_metadata(wheel).get_all('Requires-Dist') or []:
         requirement = Requirement(line)
@@ -334,8 +334,8 @@ def test_package_xml_has_what_rosdep_has_and_the_readme_supplies_the_rest(
     assert {key for key in ROSDEP.values() if key} == {
         key for key in declared if key and key.startswith('python3-')
     }
-    readme = (repository / 'README.md').read_text(encoding='utf-8')
-    (command,) = re.findall(r"^pip install ('numba.*)$", readme, re.MULTILINE)
+    page = (repository / 'docs' / 'install.md').read_text(encoding='utf-8')
+    (command,) = re.findall(r"^pip install ('numba.*)$", page, re.MULTILINE)
     supplied = {r.name: r.specifier for r in map(Requirement, re.findall(r"'(.*?)'", command))}
     assert {name: supplied.get(name) for name, key in ROSDEP.items() if not key} == {
         name: needed[name] for name, key in ROSDEP.items() if not key

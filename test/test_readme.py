@@ -1,6 +1,6 @@
-"""The README and the reference of the nodes: their tables are those of the code.
+"""The index and the reference of the nodes: their tables are those of the code.
 
-`python test/test_readme.py` writes the tables anew.
+`python test/test_readme.py` writes the tables.
 """
 
 from __future__ import annotations
@@ -17,7 +17,8 @@ from denoc_ros.cli.verbs import verbs
 from denoc_ros.parts import parameter_table
 
 ROOT = Path(__file__).resolve().parent.parent
-README, NODES_PAGE = ROOT / 'README.md', ROOT / 'docs' / 'nodes.md'
+README = ROOT / 'README.md'
+INDEX, NODES_PAGE = ROOT / 'docs' / 'index.md', ROOT / 'docs' / 'nodes.md'
 SECTION = re.compile(r'(<!-- begin (\w+) (\w+) -->\n)(.*?)(<!-- end -->)', re.DOTALL)
 
 
@@ -47,7 +48,7 @@ def test_parameter_table_is_the_node_s(node: str) -> None:
 
 
 def test_command_table_is_the_command_line_s() -> None:
-    assert sections(README)['commands', 'denoc'] == rendered('commands', 'denoc')
+    assert sections(INDEX)['commands', 'denoc'] == rendered('commands', 'denoc')
 
 
 def test_every_make_target_shown_exists(repository: Path) -> None:
@@ -59,6 +60,6 @@ def test_every_make_target_shown_exists(repository: Path) -> None:
 
 
 if __name__ == '__main__':
-    for page in (README, NODES_PAGE):
+    for page in (INDEX, NODES_PAGE):
         text = page.read_text(encoding='utf-8')
         page.write_text(SECTION.sub(lambda m: m[1] + rendered(m[2], m[3]) + m[5], text))

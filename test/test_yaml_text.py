@@ -13,8 +13,8 @@ from denoc_ros.cli.arguments import overrides_of
 from denoc_ros.cli.main import main
 from denoc_ros.cli.session.session_config import load_config
 from denoc_ros.errors import ConfigError
+from denoc_ros.export.dh_system import load_system
 from denoc_ros.runtime.parameters.parameter_table import shared_names
-from denoc_ros.studies.dh_system import load_system
 from denoc_ros.yaml_text import MOST_ALIASED, MOST_LEVELS, YamlError, load_yaml
 from denoc_ros.yaml_text import read_yaml_file as read
 

@@ -1,6 +1,6 @@
 """Counts of how the code is built: lines, functions, arguments, repeated names, circles.
 
-`make counts` prints them; `--json` prints for machines. It reads sources as text.
+`python -m campaigns counts` prints them; `--json` prints for machines. It reads sources as text.
 """
 
 from __future__ import annotations
@@ -173,7 +173,7 @@ def counts(root: Path = ROOT) -> dict[str, Any]:
     kernels = [f for m in found if m.room == 'kernels' for f in functions(m)]
     others = [f for m in found if m.room != 'kernels' for f in functions(m)]
     graph = {m.name: imports(m, known) for m in found}
-    asking = [m for m in found if m.room not in ('model', 'dynamics', 'studies')]
+    asking = [m for m in found if m.room not in ('model', 'dynamics')]
     return {
         'lines': dict(sorted(lines.items())),
         'lines in all': sum(lines.values()),
@@ -203,7 +203,7 @@ def counts(root: Path = ROOT) -> dict[str, Any]:
         'definitions of Array': sum(
             bool(re.search(r'^Array = ', module.text, re.MULTILINE)) for module in found
         ),
-        'uses of arrays. outside model, dynamics, studies': sum(
+        'uses of arrays. outside model, dynamics': sum(
             len(
                 re.findall(
                     r'\barrays\.(?:topology|constants|diagonals|frame_rows|constraint_names|axes|bodies)\b',
@@ -213,9 +213,7 @@ def counts(root: Path = ROOT) -> dict[str, Any]:
             for module in asking
         ),
         'importers of rclpy outside nodes': importers(found, 'rclpy', 'nodes'),
-        'importers of argparse outside cli and studies': importers(
-            found, 'argparse', 'cli', 'studies'
-        ),
+        'importers of argparse outside cli': importers(found, 'argparse', 'cli'),
     }
 
 

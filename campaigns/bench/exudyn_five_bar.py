@@ -1,6 +1,6 @@
 """The five-bar FFFF in free fall beside Exudyn's nonlinear finite elements: results, then times.
 
-    python -m bench.exudyn_five_bar
+    python -m campaigns five-bar
 
 Exudyn takes every link as absolute-nodal-coordinate beam elements that also stretch, and
 integrates by an implicit generalized-alpha method of fixed step; ours is `dn.simulate` with

@@ -1,6 +1,6 @@
 """Motions in minimum time against a single factor, and rigid ones against TOPP-RA.
 
-Prints tables: `python -m bench.fastest [PATHS] [ROBOT ...]`; the robot `nodes` stands for the
+Prints tables: `python -m campaigns fastest [PATHS] [ROBOT ...]`; the robot `nodes` stands for the
 processor time of searches on ever finer grids.
 """
 
@@ -16,9 +16,9 @@ from control_runs import ROBOTS, cycloid
 from timed_paths import SHARES, rigid_arm
 
 import denoc_ros as dn
+from denoc_ros.export.dh_system import read_system
+from denoc_ros.export.dh_verb import urdf_text
 from denoc_ros.planning.timing.limit_rows import LimitRows, motion_limits
-from denoc_ros.studies.dh import urdf_text
-from denoc_ros.studies.dh_system import read_system
 from denoc_ros.types import Array
 
 LEAST = 1e-9  # a strain that a link has at all

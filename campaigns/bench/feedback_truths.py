@@ -1,6 +1,6 @@
 """Tip errors of the Canadarm's tip-exact motion on robots with modes that its model leaves out.
 
-`python -m bench.feedback_truths --seeds 4` prints a table: root mean
+`python -m campaigns feedback --seeds 4` prints a table: root mean
 square while moving and largest error from 3 s after, of the plan's torque alone, with the joints'
 own feedback, and with state feedback.
 """

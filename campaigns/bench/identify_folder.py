@@ -1,6 +1,6 @@
 """Throughput of `denoc identify modal` over a folder: local workers against one process.
 
-Run as `python -m bench.identify_folder [RECORDS] [WORKERS]`. Rounds
+Run as `python -m campaigns folder [RECORDS] [WORKERS]`. Rounds
 alternate, so that what else the machine does falls on both; processor time counts what a record
 costs, with scheduling, transport and the start of the workers.
 """
@@ -20,12 +20,12 @@ from denoc_ros.text_table import Row
 os.environ.update(SINGLE_THREADED)
 
 import numpy as np
+from book.selftest import Defects, Truth, synthetic_decay
 
 from denoc_ros.cli.main import build_parser
 from denoc_ros.cli.many_runs import FAILURE, WorkerConfig
 from denoc_ros.identification.verbs.identify_records import MODAL, decay_options
 from denoc_ros.identification.verbs.identify_rows import identify_all
-from denoc_ros.studies.selftest import Defects, Truth, synthetic_decay
 
 ROUNDS = 2
 BAG = Defects(40.0, offset=0.1, drift=0.05, jitter=0.1, lost=0.05)

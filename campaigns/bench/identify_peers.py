@@ -1,8 +1,8 @@
 """`denoc identify model` beside mujoco.sysid and figaroh: one rigid robot, the same data, one run.
 
-`make peers` installs both and runs this. The robot is the UR10; the true one has other bodies,
-friction and torque with noise. Each tool gets the same smoothed motion and measured torque, and
-is judged by the torque of its robot on motions of another kind than the recorded one.
+Both must be installed: `pip install 'mujoco[sysid]' figaroh`. The robot is the UR10; the true one
+has other bodies, friction and torque with noise. Each tool gets the same smoothed motion and
+measured torque. It is judged by the torque of its robot on motions of another kind.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """`denoc identify modal` on files as strangers make them: what is called good, and is not.
 
-Run with `make strangers`, or `python -m bench.identify_strangers`.
+Run with `python -m campaigns strangers`.
 """
 
 from __future__ import annotations

@@ -1,7 +1,6 @@
 """`denoc identify model` on random robots whose truth is known, blind: what it finds, and says.
 
-Run with `make identification`, or
-`python -m bench.identify_truth --count 100 --json runs/truth.json`.
+Run with `python -m campaigns identification`.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """A long bag made on the spot and replayed.
 
-`python -m bench.long_bag`
+`python -m campaigns long-bag`
 
 An arm with two flexible links at 1 kHz beside a camera, 1 GB unless told; prints how long the
 replay takes and the most memory that its process ever had.

@@ -1,6 +1,6 @@
 """What a recorder under load, and bad input, cost a control loop beside them.
 
-`python -m bench.loop_lateness`: the feedforward of the SSRMS at 1000 Hz, in blocks that take
+`python -m campaigns lateness`: the feedforward of the SSRMS at 1000 Hz, in blocks that take
 turns: alone; beside publishers of 50 topics with 5 MB/s; beside these and a recorder of them;
 under garbage; and, with its process stopped, a bare thread that only sleeps. Reported are the
 ratios of the 99 % lateness with bootstrap intervals, and the processor time beside.

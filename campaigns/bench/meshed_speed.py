@@ -13,6 +13,7 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
+from book.benchmarks.timing import FULL, Effort, Subject, compare, ratio
 from skfem import MeshTet
 
 import denoc_ros as dn
@@ -20,7 +21,6 @@ from denoc_ros.model.beams import link_file
 from denoc_ros.reduction.body import Patch
 from denoc_ros.reduction.elements import Elasticity, Solid
 from denoc_ros.reduction.link import Wishes, reduce_link
-from denoc_ros.studies.benchmarks.timing import FULL, Effort, Subject, compare, ratio
 
 LENGTH, WIDTH, HEIGHT = 0.5, 0.05, 0.04  # m
 MODES = 6

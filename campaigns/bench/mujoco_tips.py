@@ -1,6 +1,6 @@
 """Tip-exact motions carried out by MuJoCo, whose beams are chains of rods without shapes.
 
-python -m bench.mujoco_tips [--segments 32] [CASE ...]
+python -m campaigns tips [--segments 32] [CASE ...]
 
 Plans of `shape_motion(method='tip')`, once by their torque alone, open loop, and once with the
 joints on the plan; the error of the tip while it moves and up to three seconds after.

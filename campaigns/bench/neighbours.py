@@ -1,8 +1,8 @@
 """How long other processes hold up a node that publishes: with shared memory, and with sockets.
 
-`python -m bench.neighbours --minutes 2`: two senders at 500 Hz beside each other, one with each
-transport of Fast DDS. Listeners join all the time; of each pair one is killed and one is first
-stopped for 1.5 s. Reported are the longest calls of `publish`.
+`python -m campaigns neighbours --minutes 2`: two senders at 500 Hz beside each other, one
+with each transport of Fast DDS. Listeners join all the time; of each pair one is killed and one
+is first stopped for 1.5 s. Reported are the longest calls of `publish`.
 """
 
 from __future__ import annotations

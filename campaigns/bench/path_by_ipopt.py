@@ -1,4 +1,4 @@
-"""Least times along a path against IPOPT's: `python -m bench.path_by_ipopt [NAME ...]`.
+"""Least times along a path against IPOPT's: `python -m campaigns ipopt-path [NAME ...]`.
 
 Both have the same model, path of the tip, torque limits and further limits, and the same time
 before and after in which the joints move while the tip stands. The peer's torques are free at its

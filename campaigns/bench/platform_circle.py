@@ -1,6 +1,6 @@
 """Figures 5.65 to 5.68: the three-legged manipulator on a circle, legs rigid and flexible.
 
-python -m bench.platform_circle docs/platform_circle.png
+python -m campaigns circle docs/platform_circle.png
 """
 
 from __future__ import annotations

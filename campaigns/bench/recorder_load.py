@@ -1,6 +1,6 @@
 """The recorder under load: 50 topics with 5 MB/s in all, of which nothing may be missing.
 
-`python -m bench.recorder_load --seconds 600`. The messages of each topic are numbered; the bag has
+`python -m campaigns recorder --seconds 600`. The messages of each topic are numbered; the bag has
 to have them all. Publishers, recorder and disk share the machine.
 """
 

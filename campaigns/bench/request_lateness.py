@@ -1,6 +1,6 @@
 """What requests cost a control loop: parameters set and services called beside it.
 
-`python -m bench.request_lateness --minutes 10`: the feedforward of the SSRMS at 1000 Hz in blocks
+`python -m campaigns requests --minutes 10`: the feedforward of the SSRMS at 1000 Hz in blocks
 that take turns: under requests (20 parameters a second, two of three a number of the model, and 20
 services drawn at random); quiet; and, with its process stopped, a bare node that publishes one
 message a tick, under the same rate of requests. Reported is how late ticks begin.

@@ -1,4 +1,4 @@
-"""Least times from rest to rest against IPOPT's: `python -m bench.rest_by_ipopt [NAME ...]`.
+"""Least times from rest to rest against IPOPT's: `python -m campaigns ipopt-rest [NAME ...]`.
 
 Both have the same model, torque limits, terminal condition (the modes that rest by default) and
 further limits; the peer has free torques at its collocation points, on two meshes.

@@ -1,6 +1,6 @@
 """Cycle time and swing that is left: plain motion, input shapers and minimum time.
 
-All at the same limits: `python -m bench.rest_cycles [two_link | panda | canadarm | ssrms]`. Of the
+All at the same limits: `python -m campaigns rests [two_link | panda | canadarm | ssrms]`. Of the
 arms in space what binds as well, and the swing of a plant of eight segments a link.
 """
 

@@ -1,6 +1,6 @@
 """Detection of faulty sensors: false alarms, times to exclusion, errors, and its thresholds.
 
-`python -m bench.sensor_faults [--count 100] [--sensitivity] [--json FILE]`
+`python -m campaigns sensors [--count 100] [--sensitivity] [--json FILE]`
 
 A draw is a random motion of an arm that is richer than the observer's model: beams of clamped-free
 shapes, of eight segments, or chains of hinges in MuJoCo, with another stiffness and another load.

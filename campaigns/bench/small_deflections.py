@@ -1,6 +1,6 @@
 """How far small deflections reach: the figure of docs/theory.md, and its table.
 
-python -m bench.small_deflections docs/small_deflections.png
+python -m campaigns deflections docs/small_deflections.png
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""A tip-exact plan of the Canadarm in MuJoCo: the short form of `make tips`."""
+"""A tip-exact plan of the Canadarm in MuJoCo: the short form of `python -m campaigns tips`."""
 
 from __future__ import annotations
 

@@ -10,7 +10,8 @@ from bench.request_lateness import PERCENTILES, SHARES, Found, lateness
 @pytest.mark.ros
 def test_requests_are_answered_beside_loops_that_go_on() -> None:
     found = lateness(2.0 / 60.0, 2.0)
-    # how many, and how late the ticks are, is judged by `make requests`: the machine may be loaded
+    # How many, and how late the ticks are, is judged by `python -m campaigns requests`: the
+    # machine may be loaded.
     asked = found.asked['feedforward']
     assert asked['answered'] > 10, found.asked
     assert not asked['refused']

@@ -12,7 +12,8 @@ from bench.viewer_lateness import KINDS, LOOPS, Blocks, lateness
 def test_a_client_gets_updates_of_the_ssrms_beside_its_loops() -> None:
     found = lateness(1.0, 1, ('feedforward',))
     record = found.record()
-    # a loaded machine gives a nice process little: how much is judged by `make watched`
+    # A loaded machine gives a nice process little time: how much is judged by
+    # `python -m campaigns watched`.
     assert found.updates[0] > 1.0
     for kind in KINDS:
         shares = record['processor'][kind]

@@ -1,6 +1,6 @@
 """Bytecodes and Python calls of a tick of plant, feedforward and predictor: no load changes them.
 
-`python -m bench.tick_bytecodes --config config/ssrms.yaml`: the three nodes of a session in one
+`python -m campaigns bytecodes --config config/ssrms.yaml`: the three nodes of a session in one
 process, their ticks called in turn as their loops would, all topics listened to. A tracer counts
 what the interpreter does; ticks without it give the thread's time (10 % quantile).
 """

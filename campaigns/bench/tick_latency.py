@@ -23,13 +23,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from book.benchmarks.results import BenchCheck, BenchLine, Reach, relative_error
+from book.benchmarks.timing import Times, ratio
 
 from denoc_ros.cli.session.processes import free_domain
 from denoc_ros.dynamics.driven.torque_feedforward import TorqueFeedforward
 from denoc_ros.dynamics.robot import load_robot
 from denoc_ros.errors import DenocError
-from denoc_ros.studies.benchmarks.results import BenchCheck, BenchLine, Reach, relative_error
-from denoc_ros.studies.benchmarks.timing import Times, ratio
 from denoc_ros.types import Array
 
 ROBOT = Path(__file__).resolve().parents[2] / 'config' / 'robots' / 'ssrms.urdf'
@@ -262,7 +262,7 @@ def lines(probe: Probe, checked: BenchCheck) -> list[BenchLine]:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    from denoc_ros.studies.bench import line_text
+    from book.bench import line_text
 
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument('--blocks', type=int, default=15, help='per node')

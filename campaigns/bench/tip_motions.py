@@ -1,7 +1,6 @@
 """What tip-exact motions reach and cost: the figures of docs/control.md.
 
-OPENBLAS_NUM_THREADS=1 PYTHONPATH=campaigns:test:test/support taskset -c 0
-    .venv/bin/python -m bench.tip_motions
+taskset -c 0 .venv/bin/python -m campaigns plans
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """What the viewer costs the control loops of the SSRMS beside it.
 
-`python -m bench.viewer_lateness`: feedforward and predictor at 1000 Hz on joints that swing, in
+`python -m campaigns watched`: feedforward and predictor at 1000 Hz on joints that swing, in
 blocks that take turns: alone; with the viewer and nobody looking; with a client that receives all
 updates and does not draw. Reported are the ratios of the loops' 99 % lateness with bootstrap
 intervals, the processor time of every process, and the updates that the client got.

@@ -1,6 +1,6 @@
 """Ends of nodes: from every phase of their life, by every signal, once and twice in a row.
 
-`python -m trust.ends_campaign --count 500` ends each node so often and prints how many ends had
+`python -m campaigns ends --count 500` ends each node so often and prints how many ends had
 another status than 0, left words on stderr that none should, or came late; and what is left in
 shared memory. Each end is preceded by a start that must come to its phase: after an end that left
 something broken the next start would not.

@@ -1,6 +1,6 @@
 """Faults of strain gauges over DDS: a relay between the plant and the predictor changes values.
 
-`python -m trust.gauge_relay` runs plant, feedforward and predictor as processes in lockstep, once
+`python -m campaigns gauges` runs plant, feedforward and predictor as processes in lockstep, once
 for each fault and each reference, and prints the errors of the deflection as a table. The exit
 status is 1 if an error is beyond its bound or a faulty gauge is not named.
 """

@@ -1,6 +1,6 @@
 """Random faults of the inputs of each node, in process, and the laws that its output keeps.
 
-`python -m trust.input_faults --count 20000` draws so many faults for each node, without
+`python -m campaigns inputs --count 20000` draws so many faults for each node, without
 middleware, and writes the broken laws, each with the seed that repeats it by `--seed`. The tests
 run it once, short.
 """

@@ -1,6 +1,6 @@
 """State feedback of `denoc up` while the system stops its processes in the middle of the motion.
 
-`python -m trust.paused_feedback --seconds 0.1 --times 3` runs the last phase of config/tip.yaml
+`python -m campaigns pauses --seconds 0.1 --times 3` runs the last phase of config/tip.yaml
 (a wrong model, with state feedback): once without a pause, then with SIGSTOP for the feedforward,
 for the plant and for both. It prints how far the tip is from its reference.
 """

@@ -1,7 +1,7 @@
 """The fault campaign: everything that must never move a robot wrongly, done to a running node.
 
-`python -m trust.run` (or `make soak`) goes through all faults, in a new order each round, for
-as long as it is told, and writes the table. The tests run it once, short.
+`python -m campaigns soak` goes through all faults, in a new order each round, for as long as it is
+told, and writes the table. The tests run it once, short.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Ends of `denoc up`: interrupted at any moment, above all while it enters the graph.
 
-`python -m trust.session_ends --count 100` prints how many ended otherwise than interrupted, and
-what they said.
+`python -m campaigns session-ends --count 100` prints how many ended otherwise than interrupted,
+and their messages.
 """
 
 from __future__ import annotations

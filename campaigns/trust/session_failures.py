@@ -1,7 +1,7 @@
 """Failures of `denoc up`: a node is killed, stopped or starved in a phase; the report tells of it.
 
-`python -m trust.session_failures --count 20` prints each, and how many sessions ended otherwise
-than with a report of all that came before, the cause named, and status 1.
+`python -m campaigns session-failures --count 20` prints each, and how many sessions ended
+otherwise than with a report of all that came before, the cause named, and status 1.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """The package as others get it: sdist, its wheel, an empty environment, each command.
 
-`python -m trust.smoke` prints each trial with its status and time, and fails if one does.
+`python -m campaigns smoke` prints each trial with its status and time, and fails if one does.
 """
 
 from __future__ import annotations

@@ -10,7 +10,7 @@ from trust.outcome import Outcome, judge_torques, markdown
 from trust.run import Act, acts, perform
 from trust.stage import GOAL, LIMITS, POSTURE, Stage, Torques, staged
 
-# the same in the tests of single nodes; `make soak` has them
+# the same in the tests of single nodes; `python -m campaigns soak` has them
 LEFT_OUT = (
     'wrong length',
     'wrong joints',

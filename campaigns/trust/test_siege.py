@@ -426,7 +426,7 @@ def test_steps_are_written_as_they_are_read(tmp_path: Path) -> None:
 @pytest.mark.ros
 @pytest.mark.alone
 def test_a_minute_of_siege_breaks_no_law(tmp_path: Path) -> None:
-    """The same steps each time: `make siege` draws new ones for an hour."""
+    """The same steps each time: `python -m campaigns siege` draws new ones for an hour."""
     told = tmp_path / 'told.json'
     # the last of a whole minute's steps would take as long as all others
     command = [sys.executable, '-m', 'trust.siege', '--minutes', '0.9', '--scene', 'links']

@@ -10,14 +10,14 @@ import logging
 import os
 import signal
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from pathlib import Path
 from typing import Any, NoReturn
 
 from denoc_ros.cli import end_at_once
 from denoc_ros.cli.interrupts import interrupt, is_made_by_interrupt, noted_interrupts
-from denoc_ros.cli.verbs import BAD_INPUT, INTERRUPTED, verbs
+from denoc_ros.cli.verbs import BAD_INPUT, CAMPAIGNS, INTERRUPTED, verbs
 from denoc_ros.errors import ConfigError, DenocError
 from denoc_ros.terminal_text import say, visible_record
 
@@ -74,7 +74,25 @@ class Version(argparse.Action):
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run one verb of the command line.
+    """Run one verb of the command line; return its exit status."""
+    arguments = list(sys.argv[1:] if argv is None else argv)
+    name = f'denoc {" ".join(arguments[:1])}'
+    return run_command(name, build_parser, _completed(arguments), is_process=argv is None)
+
+
+def run_command(
+    name: str, build: Callable[[list[str]], Parser], arguments: list[str], is_process: bool
+) -> int:
+    """Run a command: its errors are messages, its result is shown.
+
+    Parameters
+    ----------
+    name : str
+        What messages begin with.
+    build : callable
+        Returns the parser of the arguments, whose `execute` runs the command.
+    is_process : bool
+        Whether this process runs nothing else.
 
     Returns
     -------
@@ -82,22 +100,20 @@ def main(argv: Sequence[str] | None = None) -> int:
         0 good, 1 bad input (message on stderr), 2 doubtful result, 3 not identifiable,
         130 interrupted.
     """
-    is_process = argv is None
     if is_process:
         gc.set_threshold(GARBAGE)
         os.environ.setdefault(*ONE_THREAD)
         if signal.getsignal(signal.SIGINT) in (signal.default_int_handler, end_at_once):
             signal.signal(signal.SIGINT, interrupt)
-    arguments = list(sys.argv[1:] if argv is None else argv)
     try:
         if is_process:
             _require_streams()
-        status = _execute(arguments, is_process)
+        status = _execute(name, build, arguments, is_process)
     except BaseException as error:
         if not (isinstance(error, KeyboardInterrupt) or is_made_by_interrupt(error)):
             raise
         _ignore_interrupts(is_process)
-        say(f'denoc {" ".join(arguments[:1])}: interrupted', file=sys.stderr)
+        say(f'{name}: interrupted', file=sys.stderr)
         if is_process:
             _leave_compiler()
         return INTERRUPTED
@@ -105,18 +121,19 @@ def main(argv: Sequence[str] | None = None) -> int:
     return status
 
 
-def _execute(arguments: list[str], is_process: bool) -> int:
-    """Run the verb that the arguments name; errors are messages."""
-    verb = arguments[0] if arguments else ''
+def _execute(
+    name: str, build: Callable[[list[str]], Parser], arguments: list[str], is_process: bool
+) -> int:
+    """Run the command; errors are messages."""
     try:
         with noted_interrupts() if is_process else nullcontext():
-            arguments = _completed(arguments)
-            parser = build_parser(arguments)
+            parser = build(arguments)
         args = parser.parse_args(arguments)
         ConfigError.raise_any('command line', args.findings)
         from denoc_ros.cli.provenance import command_line
 
-        args.command, args.is_process = command_line(arguments), is_process
+        args.command = command_line(arguments, parser.prog)
+        args.is_process = is_process
         _show_log()
         found = args.execute(args)
         status = found if isinstance(found, int) else found.show(args.json)
@@ -125,21 +142,21 @@ def _execute(arguments: list[str], is_process: bool) -> int:
         _flush_or_discard()  # of --help
         return int(stop.code or 0)
     except DenocError as error:
-        return _complain(verb, str(error))
+        return _complain(name, str(error))
     except BrokenPipeError:
         _discard_output()
         return 0
     except FileExistsError as error:
-        return _complain(verb, f'{error.filename}: output must not exist yet, got an existing one')
+        return _complain(name, f'{error.filename}: output must not exist yet, got an existing one')
     except OSError as error:
-        status = _complain(verb, f'{error.filename or "output"}: {error.strerror or error}')
+        status = _complain(name, f'{error.filename or "output"}: {error.strerror or error}')
         _flush_or_discard()
     except MemoryError as error:
-        status = _complain(verb, _MEMORY.format(str(error).strip() or 'too little'))
+        status = _complain(name, _MEMORY.format(str(error).strip() or 'too little'))
     except (ImportError, SystemError) as error:
         if is_made_by_interrupt(error) or not any(word in str(error) for word in _NO_MEMORY):
             raise
-        status = _complain(verb, _MEMORY.format(error))
+        status = _complain(name, _MEMORY.format(error))
     return status
 
 
@@ -151,15 +168,20 @@ def build_parser(arguments: Sequence[str] = ()) -> Parser:
     )
     parser.add_argument('--version', action=Version, nargs=0, help='print the version and exit')
     subparsers = parser.add_subparsers(dest='verb', metavar='VERB', required=True)
+    for words, campaign in CAMPAIGNS.items():
+        if ' '.join(arguments[: 1 + words.count(' ')]) == words:
+            raise DenocError(
+                f'{words} is a campaign: run python -m campaigns {campaign} in a checkout'
+            )
     known = verbs()
     if not arguments or arguments[0] not in known:
         for name, row in known.items():
             subparsers.add_parser(name, help=row.help)
         return parser
     verb = arguments[0]
-    module = _module(verb)
+    module = importlib.import_module(f'denoc_ros.{known[verb].module}')
     named = subparsers.add_parser(verb, help=known[verb].help, description=module.DESCRIPTION)
-    if hasattr(module, 'add_actions'):
+    if known[verb].actions:
         module.add_actions(named, arguments[1] if len(arguments) > 1 else '')
     else:
         module.add_options(named)
@@ -167,18 +189,14 @@ def build_parser(arguments: Sequence[str] = ()) -> Parser:
     return parser
 
 
-def _module(verb: str) -> Any:
-    return importlib.import_module(f'denoc_ros.{verbs()[verb].module}')
-
-
 def _completed(arguments: list[str]) -> list[str]:
     """Put the default action in where a verb that has actions is given none."""
-    if len(arguments) < 2 or arguments[0] not in verbs() or arguments[1].startswith('-'):
+    row = verbs().get(arguments[0]) if len(arguments) > 1 else None
+    if row is None or not row.actions or arguments[1].startswith('-'):
         return arguments
-    module = _module(arguments[0])
-    if not hasattr(module, 'add_actions') or arguments[1] in module.ACTIONS:
-        return arguments
-    return [arguments[0], module.DEFAULT_ACTION, *arguments[1:]]
+    known = importlib.import_module(f'denoc_ros.{row.actions}')
+    is_action = ' '.join(arguments[:2]) in CAMPAIGNS or arguments[1] in known.ACTIONS
+    return arguments if is_action else [arguments[0], known.DEFAULT_ACTION, *arguments[1:]]
 
 
 def _show_log() -> None:
@@ -201,11 +219,11 @@ def _leave_compiler() -> None:
         os._exit(INTERRUPTED)
 
 
-def _complain(verb: str, message: str) -> int:
+def _complain(name: str, message: str) -> int:
     lines = [line for line in message.splitlines() if line.strip()]
     for line in lines or ['an error without words']:
         more = f'… ({len(line) - LONGEST} characters more)' if len(line) > LONGEST else ''
-        say(f'denoc {verb}: {line[:LONGEST]}{more}', file=sys.stderr)
+        say(f'{name}: {line[:LONGEST]}{more}', file=sys.stderr)
     return BAD_INPUT
 
 

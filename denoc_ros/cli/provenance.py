@@ -65,9 +65,9 @@ def named_text(name: str, text: str) -> str:
     return f'{name}, SHA-256 {hashlib.sha256(text.encode()).hexdigest()}' if text else ''
 
 
-def command_line(arguments: Sequence[str]) -> str:
+def command_line(arguments: Sequence[str], program: str = 'denoc') -> str:
     """Return the command with files by their names only."""
-    return shlex.join(['denoc', *map(_public, arguments)])
+    return shlex.join([*program.split(), *map(_public, arguments)])
 
 
 def _public(argument: str) -> str:

@@ -20,15 +20,9 @@ CORE_VERBS = {
     ),
     'recover': Verb('rebuild a recording that was cut off', 'cli.recover_verb'),
     'warmup': Verb('compile all kernels now, once per version and user', 'cli.warmup_verb'),
-    'dh': Verb('make a URDF with flexible links from a Denavit-Hartenberg table', 'studies.dh'),
-    'stability': Verb(
-        "compare the recursion's numerical stability with dense Cholesky's", 'studies.stability'
-    ),
-    'bench': Verb(
-        'check results, then time the dynamics beside Pinocchio and dense Cholesky',
-        'studies.bench',
-    ),
 }
+# Commands that a checkout has as campaigns; they are not listed.
+CAMPAIGNS = {'bench': 'bench', 'stability': 'stability', 'identify selftest': 'selftest'}
 
 
 def verbs() -> dict[str, Verb]:

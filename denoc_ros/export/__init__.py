@@ -9,6 +9,9 @@ PART = Part(
         'export': Verb(
             "write a robot as MuJoCo's or Gazebo's model, beams as chains of sprung rods",
             'export.export_verb',
-        )
+        ),
+        'dh': Verb(
+            'make a URDF with flexible links from a Denavit-Hartenberg table', 'export.dh_verb'
+        ),
     },
 )

@@ -17,6 +17,7 @@ PART = Part(
         'identify': Verb(
             'identify damping and friction from recorded motion',
             'identification.verbs.identify_verb',
+            'identification.verbs.actions',
         ),
         'calibrate': Verb(
             "fit a sensor's gain and offset to readings at known references",

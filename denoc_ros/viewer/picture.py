@@ -26,6 +26,8 @@ Pixels = NDArray[np.uint8]
 
 PAPER, GHOST = '#ffffff', '#d3d8df'
 HEADER, FOOTER, GAP, LEAST_STRIP = 52, 46, 24, 240  # pixels, of a strip
+HEADER_SIDE = 0.02  # Margin beside a header, as a share of the width.
+LONGEST_TIME = 999.99  # The header of a film has room for this time [s].
 LEAST = (600, 340)  # pixels; a smaller picture has no charts
 MARGIN = 0.06  # of the field of view
 SQUARES = 10  # of a grid along its longer side, at most
@@ -35,6 +37,8 @@ INK, MUTED, GRID = '#20242a', '#6b7280', '#e5e7eb'
 CURVES = ('#d1622b', '#1f6fb2', '#2e8b57', '#8e5ea2', '#b8860b', '#4b5563')
 MOST_CURVES = 6  # of a chart; the largest are shown
 MOST_CHARTS = 3
+LEGEND_COLUMNS = 2  # Two names of curves are at most as wide as a chart.
+LEGEND_ROW = 0.25  # Height of a row of a legend, as a share of the height of the curves.
 SMALLEST = 1e-6  # prefix on an axis
 
 
@@ -127,11 +131,9 @@ class ComparisonPicture:
             scene.axes.plot([], [], color=CURVES[1], lw=1.2, zorder=TRAIL)[0]
             for scene in self._scenes
         ]
-        line: dict[str, Any] = {'y': 0.95, 'va': 'center'}
-        figure.text(0.02, s=title, size=11, weight='bold', color=INK, **line)
-        figure.text(0.98, s=f'{stated}, blue: path of the tip', size=9, color=MUTED, ha='right',
-                    **line)  # fmt: skip
-        self._time = figure.text(0.5, s='', size=11, color=INK, ha='center', **line)
+        self._time = draw_header(
+            figure, 0.95, title, f'{stated}, blue: path of the tip', _when('')
+        )
         self._paths: list[list[Array]] = [[] for _ in names]
         bodies = [each for scene in self._scenes for each in (scene.ghost, scene.robot)]
         self._canvas.animate([*self._trails, *bodies, self._time])
@@ -154,7 +156,7 @@ class ComparisonPicture:
                 path.clear()
             path.append(self._staging.tip(q))
             trail.set_data(*np.transpose(path))
-        self._time.set_text(f't = {t:.2f} s')
+        self._time.set_text(_when('', t))
         return self._canvas.pixels()
 
 
@@ -182,16 +184,15 @@ class Picture:
             low = bottom + 0.06
             _colour_bar(figure, (0.93, low, 0.012, 0.76 - bottom), staging)
         self._cursors = draw_charts(figure, run, groups)
-        figure.text(0.02, 0.955, title, size=11, weight='bold', color=INK)
-        figure.text(0.98, 0.955, stated(run, staging), size=9, color=MUTED, ha='right')
-        self._time = figure.text(0.5, 0.955, '', size=11, color=INK, ha='center')
+        longest = max((name for _, name in run.phases), key=len, default='')
+        self._time = draw_header(figure, 0.965, title, stated(run, staging), _when(longest))
         bodies = self._scene.ghost, self._scene.robot
         self._canvas.animate([*bodies, self._time, *self._cursors])
 
     def draw(self, t: float, q: Array) -> Pixels:
         """Return the frame (height, width, 3) at a time [s] with coordinates (n,)."""
         self._scene.show(q)
-        self._time.set_text(_when(self._run, t))
+        self._time.set_text(_when(self._run.phase(t), t))
         for cursor in self._cursors:
             cursor.set_xdata([t, t])
         return self._canvas.pixels()
@@ -231,12 +232,10 @@ def strip(
     for k, (t, q) in enumerate(zip(times, states, strict=True)):
         axes = figure.add_subplot(grid[k // columns, k % columns])
         Scene(axes, staging, k == (rows - 1) * columns, k == 0).show(q)
-        axes.set_title(_when(run, float(t)), loc='left', size=10, color=INK, pad=3)
+        axes.set_title(_when(run.phase(float(t)), float(t)), loc='left', size=10, color=INK, pad=3)
     if staging.strain > 0.0:
         _colour_bar(figure, (0.93, bottom, 0.012, top - bottom - 0.13), staging)
-    line = {'y': 1.0 - 0.5 * HEADER / height, 'va': 'center'}
-    figure.text(0.02, s=title, size=12, weight='bold', color=INK, **line)
-    figure.text(0.98, s=stated(run, staging), size=9.5, color=MUTED, ha='right', **line)
+    draw_header(figure, 1.0 - 0.5 * HEADER / height, title, stated(run, staging))
     _draw(canvas)
     return np.array(canvas.buffer_rgba())[:, :, :3]
 
@@ -268,8 +267,36 @@ def _draw(canvas: FigureCanvasAgg) -> None:
     canvas.draw()
 
 
-def _when(run: RecordedRun, t: float) -> str:
-    phase = run.phase(t)
+def draw_header(figure: Figure, y: float, title: str, caption: str, time: str = '') -> Text:
+    """Draw title and caption, as small as needed; return the text of the time between them.
+
+    Parameters
+    ----------
+    y : float
+        Place of their middle, 0 to 1.
+    time : str
+        The longest text of the time.
+    """
+    sizes = 11.0, 11.0, 9.0
+    line: dict[str, Any] = {'va': 'center', 'parse_math': False}
+    texts = (
+        figure.text(HEADER_SIDE, y, visible(title), weight='bold', color=INK, **line),
+        figure.text(0.5, y, visible(time), color=INK, ha='center', **line),
+        figure.text(1.0 - HEADER_SIDE, y, visible(caption), color=MUTED, ha='right', **line),
+    )
+    for text, size in zip(texts, sizes, strict=True):
+        text.set_fontsize(size)
+    gaps = 2.0 * HEADER_SIDE * (len(texts) - 1)
+    room = (1.0 - 2.0 * HEADER_SIDE - gaps) * figure.bbox.width
+    needed = sum(text.get_window_extent().width for text in texts)
+    for text, size in zip(texts, sizes, strict=True):
+        text.set_fontsize(size * min(1.0, room / needed))
+    left, _, right = (text.get_window_extent() for text in texts)
+    texts[1].set_x(0.5 * (left.x1 + right.x0) / figure.bbox.width)
+    return texts[1]
+
+
+def _when(phase: str, t: float = LONGEST_TIME) -> str:
     return f't = {t:.2f} s · {phase}' if phase else f't = {t:.2f} s'
 
 
@@ -419,9 +446,12 @@ def _chart(axes: Axes, run: RecordedRun, group: str, names: Sequence[str]) -> No
     title = f'{what}{left_out} [{prefix}{unit}]' if unit else f'{what}{left_out}'
     axes.set_title(title, loc='left', size=8.5, color=INK, pad=3)
     axes.legend(
-        fontsize=6.5, frameon=False, loc='lower right', bbox_to_anchor=(1.02, 0.98), ncols=3,
+        fontsize=6.5, frameon=False, loc='upper left', ncols=LEGEND_COLUMNS,
         handlelength=1.4, columnspacing=0.8, labelcolor=MUTED, borderpad=0.0, labelspacing=0.2,
     )  # fmt: skip
+    # The legend has rows of its own above the curves.
+    low, high = axes.get_ylim()
+    axes.set_ylim(low, high + LEGEND_ROW * -(-len(shown) // LEGEND_COLUMNS) * (high - low))
     start, end = run.span
     axes.set_xlim(start, end if end > start else start + 1.0)
     axes.set_xlabel('time [s]', size=8, color=MUTED, labelpad=1)

@@ -55,7 +55,6 @@ ROOMS = {
     'runtime': 'clocks, limits, references and live models of the nodes',
     'nodes': 'the ROS 2 nodes',
     'cli': 'the code of the commands',
-    'studies': 'benchmarks, stability study, self tests',
 }
 
 
@@ -109,13 +108,13 @@ def copy_pages(folder: Path) -> None:
 
 
 def contents() -> dict[str, list[str]]:
-    """Return the pages of the README's table of documentation, by its headings."""
+    """Return the pages of the table in docs/index.md, by its headings."""
     found: dict[str, list[str]] = {}
-    for line in (ROOT / 'README.md').read_text(encoding='utf-8').splitlines():
+    for line in (ROOT / 'docs' / 'index.md').read_text(encoding='utf-8').splitlines():
         if heading := re.fullmatch(r'\| \*\*(.+)\*\* \| \|', line):
             pages = found.setdefault(heading[1], [])
         elif found and line.startswith('| ['):
-            pages += re.findall(r'\]\((docs/\w+)\.md\)', line)
+            pages += [f'docs/{name}' for name in re.findall(r'\]\((\w+)\.md\)', line)]
     return found
 
 
@@ -124,7 +123,7 @@ def write_index(folder: Path, rooms: Mapping[str, str], with_runs: bool) -> None
     found = contents()
     first, *others = found
     ran = ['docs/notebooks/index'] + ['docs/examples/index'] * with_runs
-    rows = {first: found[first] + ran}
+    rows = {first: ['docs/index', *found[first], *ran]}
     rows |= {name: found[name] for name in others}
     rows['reference'] = ['api/index', 'api/commands', *(f'api/{room}' for room in rooms)]
     rows['project'] = list(PROJECT)

@@ -16,8 +16,6 @@ import denoc_ros
 from denoc_ros.cli import warmup_verb as warmup
 from denoc_ros.errors import DenocError
 
-COUNTED = 'denoc_ros.studies.benchmarks.operations'  # wraps kernels in classes that count
-
 
 def named(kernels: Sequence[Any]) -> list[str]:
     return [each.py_func.__name__ for each in kernels]
@@ -41,7 +39,7 @@ def test_python_calls_no_compiled_function_that_warmup_leaves_out() -> None:
     every = set(warmup.all_kernels())
     called, seen = set(), 0
     for module in pkgutil.walk_packages(denoc_ros.__path__, 'denoc_ros.'):
-        if module.name.startswith(('denoc_ros.kernels.', 'denoc_ros.studies.')):
+        if module.name.startswith('denoc_ros.kernels.'):
             continue
         file = Path(denoc_ros.__path__[0], *module.name.split('.')[1:])
         source = file.with_suffix('.py') if not file.is_dir() else file / '__init__.py'

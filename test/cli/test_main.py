@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from denoc_ros.cli import main as frame
-from denoc_ros.cli.verbs import verbs
+from denoc_ros.cli.verbs import CAMPAIGNS, verbs
 from denoc_ros.errors import ConfigError, StateError
 
 
@@ -103,6 +103,16 @@ def test_bad_usage_is_bad_input(capsys: pytest.CaptureFixture[str]) -> None:
     assert frame.main(['report']) == 1
     assert 'the following arguments are required' in capsys.readouterr().err
     assert frame.main(['nothing']) == 1
+
+
+@pytest.mark.parametrize('words', CAMPAIGNS)
+def test_command_that_is_a_campaign_says_so(
+    words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert frame.main([*words.split(), '--json']) == 1
+    name = CAMPAIGNS[words]
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.endswith(f'{words} is a campaign: run python -m campaigns {name} in a checkout')
 
 
 def test_help_lists_every_verb(capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,4 +1,4 @@
-"""The long form of fuzzing: `make fuzz` runs the same tests with the profile `fuzz`."""
+"""The long form of fuzzing: `python -m campaigns fuzz` has the same tests, profile `fuzz`."""
 
 from __future__ import annotations
 

@@ -86,8 +86,8 @@ def test_an_output_that_is_too_short_is_found_out() -> None:
 def test_dynamics_stay_within_their_arrays(names: tuple[str, ...]) -> None:
     """The tests above and the canaries', in a process that checks every offset.
 
-    Without the kernels of loops and derivatives, which take minutes to compile: `make bounds` has
-    them.
+    Without the kernels of loops and derivatives, which take minutes to compile:
+    `python -m campaigns bounds` has them.
     """
     files = [str(HERE / name) for name in names]
     done = subprocess.run(

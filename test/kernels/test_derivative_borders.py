@@ -7,13 +7,13 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 import pytest
+from book.benchmarks.peers import flexible_chain
 from looped_robots import random_closed
 from numba.core.runtime import _nrt_python, rtsys
 from strategies import random_state, seeded_robot
 
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.errors import StateError
-from denoc_ros.studies.benchmarks.peers import flexible_chain
 from denoc_ros.types import Array
 
 KernelOperation = Callable[..., Sequence[Array]]

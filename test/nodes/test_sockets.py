@@ -80,7 +80,7 @@ def test_other_middleware_and_a_profile_in_the_folder_stay(
 
 @pytest.mark.ros
 def test_a_sender_without_shared_memory_is_heard_by_a_listener_with(ros_domain: int) -> None:
-    """Stopped and killed listeners with shared memory: `python -m bench.neighbours`."""
+    """Stopped and killed listeners with shared memory: `python -m campaigns neighbours`."""
     with child([sys.executable, '-c', SENDER], stdout=subprocess.PIPE) as sender:
         listener = [sys.executable, '-c', LISTENER]
         heard = subprocess.run(listener, capture_output=True, text=True, timeout=60.0, check=True)

@@ -20,6 +20,7 @@ from denoc_ros.errors import ConfigError, StateError
 from denoc_ros.simulation.recorded.run_snapshots import RecordedRun
 from denoc_ros.units import round_up
 from denoc_ros.viewer.film import Look, frame_times, write_film, write_strip
+from denoc_ros.viewer.picture import Canvas, draw_header
 from denoc_ros.viewer.scene_setup import SHOWN, SceneSetup, best_view
 
 SMALL = Look(size=(320, 240), scale=5.0)
@@ -290,3 +291,17 @@ def test_films_need_neither_viser_nor_a_display() -> None:
         [sys.executable, '-c', check], capture_output=True, text=True, check=True
     )
     assert found.stdout.strip() == '[]'
+
+
+@pytest.mark.parametrize('width', [320, 700, 1280])
+@pytest.mark.parametrize('words', [1, 4])
+def test_texts_of_a_header_do_not_overlap(width: int, words: int) -> None:
+    canvas = Canvas((width, 320))
+    title, caption = ('canadarm: tip ' * words, 'deflection × 1, blue: path of the tip ' * words)
+    time = draw_header(canvas.figure, 0.95, title, caption, 't = 999.99 s')
+    boxes = [text.get_window_extent() for text in canvas.figure.texts]
+    assert time.get_text() == 't = 999.99 s'
+    assert boxes[0].x0 > 0.0
+    assert boxes[0].x1 < boxes[1].x0
+    assert boxes[1].x1 < boxes[2].x0
+    assert boxes[2].x1 < width

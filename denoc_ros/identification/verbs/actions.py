@@ -44,9 +44,6 @@ ACTIONS = {
     'apply': ActionRow("write identified damping into a robot's URDF", RESULTS),
     'compare': ActionRow('modes of several runs: mean, spread, repeatability', RESULTS),
     'postures': ActionRow('modes at several postures as a table for the shaper', RESULTS),
-    'selftest': ActionRow(
-        'accuracy of the estimators on synthetic decays with known truth', 'studies.selftest'
-    ),
 }
 
 DEFAULT_ACTION = 'modal'

@@ -181,8 +181,7 @@ BY_ARGUMENT: Mapping[str, Callable[[argparse.ArgumentParser], None]] = {
 def action_of(name: str) -> Action:
     """Return an action: the one that its module declares, or that follows from a computation."""
     _, path, pages = ACTIONS[name]
-    home = '' if path.startswith('studies.') else 'identification.'
-    module = import_module(f'denoc_ros.{home}{path}')
+    module = import_module(f'denoc_ros.identification.{path}')
     if hasattr(module, 'DECLARED'):
         found: Action = next(action for action in module.DECLARED if action.name == name)
         return found

@@ -5,12 +5,10 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING
 
-from denoc_ros.identification.verbs.actions import ACTIONS, DEFAULT_ACTION
+from denoc_ros.identification.verbs.actions import ACTIONS
 
 if TYPE_CHECKING:
     from denoc_ros.cli.verb_result import VerbResult
-
-__all__ = ['ACTIONS', 'DEFAULT_ACTION', 'DESCRIPTION', 'add_actions', 'run']
 
 DESCRIPTION = (
     'Identify modes and their damping, joint friction and frequency responses from bags (MCAP, '

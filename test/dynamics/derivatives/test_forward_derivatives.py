@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from book.benchmarks.peers import flexible_chain
 from derivative_oracle import forward_derivatives, inverse_derivatives
 from hypothesis import given
 from numpy.typing import NDArray
@@ -16,7 +17,6 @@ from strategies import law, random_state, robots, seeded_robot, seeds
 from denoc_ros.dynamics.dynamics_derivatives import HybridDerivatives
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.errors import SolverError, StateError
-from denoc_ros.studies.benchmarks.peers import flexible_chain
 from denoc_ros.types import Array
 
 Index = NDArray[Any]

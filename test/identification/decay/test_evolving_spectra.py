@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from book.selftest import Defects, Truth, synthetic_decay
 
 import denoc_ros as dn
 from denoc_ros.identification.decay.records import Record
 from denoc_ros.identification.decay.spectra import evolving_spectra, waterfall
-from denoc_ros.studies.selftest import Defects, Truth, synthetic_decay
 
 BOOK_LINK = (Truth(7.62, 0.198), Truth(47.7, 0.0428, 0.5, 0.5))
 DEFECTS = Defects(snr_db=60.0, offset=0.3, drift=0.05, jitter=0.1, lost=0.05)

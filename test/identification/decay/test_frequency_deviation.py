@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from book.selftest import Defects, Truth, synthetic_decay
 from scipy.integrate import solve_ivp
 from scipy.stats import binom
 
 from denoc_ros.identification.decay.modes_fit import fit_modes
 from denoc_ros.identification.decay.records import Record
-from denoc_ros.studies.selftest import Defects, Truth, synthetic_decay
 
 CHANCE = 1e-5  # that estimators which are as honest as promised fail
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from book.selftest import Defects, Truth, synthetic_decay
 from scipy.interpolate import PchipInterpolator
 
 import denoc_ros as dn
@@ -13,7 +14,6 @@ from denoc_ros.identification.decay.decrement import (
     log_decrement,
 )
 from denoc_ros.identification.decay.records import Record
-from denoc_ros.studies.selftest import Defects, Truth, synthetic_decay
 
 
 def test_book_convention_gives_the_printed_joint_coefficient() -> None:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from book.selftest import Decay, Defects, Truth, synthetic_decay
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 import denoc_ros as dn
 from denoc_ros.identification.decay.modes_fit import fit_modes
 from denoc_ros.identification.decay.records import Record
-from denoc_ros.studies.selftest import Decay, Defects, Truth, synthetic_decay
 
 Floats = NDArray[np.float64]
 TRUTH = (Truth(3.0, 0.02, 1.0, 0.4), Truth(11.0, 0.05, 0.6, 1.0))

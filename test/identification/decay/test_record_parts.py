@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from book.selftest import Defects, Truth, synthetic_decay
 from numpy.typing import NDArray
 
 from denoc_ros.identification.decay.record_segments import find_segments
 from denoc_ros.identification.decay.records import Record, assess
-from denoc_ros.studies.selftest import Defects, Truth, synthetic_decay
 
 Floats = NDArray[np.float64]
 

@@ -1,4 +1,4 @@
-"""Records as strangers make them: the short form of `make strangers`."""
+"""Records as strangers make them: the short form of `python -m campaigns strangers`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Random robots whose model is off, identified blind: the short form of `make identification`."""
+"""Random robots whose model is off, identified blind; `python -m campaigns identification`."""
 
 from __future__ import annotations
 

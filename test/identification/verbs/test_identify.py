@@ -15,6 +15,7 @@ from types import ModuleType
 import numpy as np
 import pytest
 import yaml
+from book.selftest import Defects, Truth, synthetic_decay
 from data_files import SERVO_SWING
 from page_look import require_one_look
 
@@ -27,7 +28,6 @@ from denoc_ros.identification.verbs.actions import ACTIONS, ActionRow
 from denoc_ros.identification.verbs.identify_options import SHARED, action_of
 from denoc_ros.output_files import Document
 from denoc_ros.settings import positive
-from denoc_ros.studies.selftest import Defects, Truth, synthetic_decay
 
 MODES = (Truth(1.1, 0.01, 1.0, 0.3), Truth(20.5, 0.004, 0.3, 1.0))
 BAG = Defects(40.0, offset=0.1, drift=0.05, jitter=0.1, lost=0.05)

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from book.selftest import Defects, Truth, synthetic_decay
 
 from denoc_ros.cli.main import main
 from denoc_ros.errors import BagError
 from denoc_ros.identification.verbs.identify_rows import recordings
-from denoc_ros.studies.selftest import Defects, Truth, synthetic_decay
 
 ZETAS = (0.01, 0.02)
 

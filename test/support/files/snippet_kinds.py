@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import yaml
+from campaign_table import CAMPAIGNS
 from data_files import DATA
 from launch_files import arguments as launch_arguments
 from launch_stand_in import flat
@@ -20,11 +21,11 @@ from pages import Snippet
 from denoc_ros.cli.main import build_parser, main
 from denoc_ros.cli.session.session_config import NODES, find_file, load_config
 from denoc_ros.cli.simulate_verb import prepare
+from denoc_ros.export.dh_system import load_system
 from denoc_ros.model.mode_table import read_mode_table
 from denoc_ros.model.reading.urdf import load_tree
 from denoc_ros.parts import parameter_table
 from denoc_ros.simulation.scenario import KEYS as SCENARIO_KEYS
-from denoc_ros.studies.dh_system import load_system
 from denoc_ros.yaml_text import load_yaml
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -64,10 +65,15 @@ def check_make(words: list[str]) -> None:
 
 
 def check_python(words: list[str]) -> None:
-    """A module of the tests or of the package that has the options given, a venv, or a file."""
+    """A campaign or module that has the options given, a venv, or a file."""
     name = words[1] if words[0] == '-m' else ''
     if name == 'venv':
         return
+    if name == 'campaigns':
+        assert words[2] in CAMPAIGNS, f'no campaign {words[2]}'
+        name = CAMPAIGNS[words[2]].command.replace(' ', '.')  # `book bench` is in book/bench.py
+        if name.startswith('pytest'):
+            return
     file = Path(name.replace('.', '/') + '.py') if name else Path(words[0])
     found = [base / file for base in (ROOT / 'campaigns', ROOT) if (base / file).is_file()]
     assert found, f'there is no {file}'

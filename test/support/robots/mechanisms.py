@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from denoc_ros.studies.dh import urdf_text
-from denoc_ros.studies.dh_system import load_system
+from denoc_ros.export.dh_system import load_system
+from denoc_ros.export.dh_verb import urdf_text
 
 CONFIG = Path(__file__).resolve().parents[3] / 'config'
 DOWN = (0.0, -9.81, 0.0)

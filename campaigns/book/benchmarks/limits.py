@@ -12,18 +12,18 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-
-from denoc_ros.dynamics.robot import Robot, load_robot
-from denoc_ros.studies.benchmarks.operations import (
+from book.benchmarks.operations import (
     CountingKernels,
     Machine,
     Operations,
     measure_machine,
 )
-from denoc_ros.studies.benchmarks.peers import flexible_chain, rigid_chain
-from denoc_ros.studies.benchmarks.results import BenchCheck, relative_error
-from denoc_ros.studies.benchmarks.rigid import State, random_states
-from denoc_ros.studies.benchmarks.timing import Effort, Subject, compare
+from book.benchmarks.peers import flexible_chain, rigid_chain
+from book.benchmarks.results import BenchCheck, relative_error
+from book.benchmarks.rigid import State, random_states
+from book.benchmarks.timing import Effort, Subject, compare
+
+from denoc_ros.dynamics.robot import Robot, load_robot
 
 NOTHING = '<robot name="nothing"><link name="base"/></robot>'
 TOLERANCE = 1e-8  # of a solution, the source in Python against its compiled self

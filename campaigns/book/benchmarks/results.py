@@ -7,10 +7,10 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
+from book.benchmarks.timing import Effort, Spread, Subject, Times, compare, ratio
 from numpy.typing import ArrayLike, NDArray
 
 from denoc_ros.output_files import plain
-from denoc_ros.studies.benchmarks.timing import Effort, Spread, Subject, Times, compare, ratio
 
 
 @dataclass(frozen=True)

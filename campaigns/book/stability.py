@@ -1,4 +1,4 @@
-"""`denoc stability ROBOT SCENARIO`: the recursion beside dense Cholesky, by three criteria."""
+"""The recursion beside dense Cholesky, by three criteria."""
 
 from __future__ import annotations
 
@@ -8,6 +8,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from book.stability_study import (
+    ACCEPTED_DEVIATION,
+    ACCEPTED_POWER,
+    SOLUTION_METHOD,
+    SOLUTION_TOLERANCES,
+    Measures,
+    Study,
+    study_stability,
+)
 
 from denoc_ros.cli.arguments import add_json, add_option, add_output, given_file
 from denoc_ros.cli.progress import share_bar
@@ -26,15 +35,6 @@ from denoc_ros.pages.html_page import (
     engineering,
 )
 from denoc_ros.simulation.scenario import Scenario
-from denoc_ros.studies.stability_study import (
-    ACCEPTED_DEVIATION,
-    ACCEPTED_POWER,
-    SOLUTION_METHOD,
-    SOLUTION_TOLERANCES,
-    Measures,
-    Study,
-    study_stability,
-)
 from denoc_ros.types import Array
 
 DESCRIPTION = (
@@ -47,7 +47,7 @@ DESCRIPTION = (
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Declare the verb's arguments."""
+    """Declare the arguments."""
     add_option(parser, 'robot', 'the URDF file')
     add_option(
         parser, 'scenario', 'a YAML file with torques, such as config/scenarios/stability_*.yaml'

@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from book.__main__ import main
+from book.benchmarks.growth import crossing, slope
+from book.benchmarks.results import BenchCheck, BenchLine
+from book.benchmarks.timing import Effort, Spread, Subject, Times, compare, ratio
 
-from denoc_ros.cli.main import main
 from denoc_ros.dynamics.robot import Robot
-from denoc_ros.studies.benchmarks.growth import crossing, slope
-from denoc_ros.studies.benchmarks.results import BenchCheck, BenchLine
-from denoc_ros.studies.benchmarks.timing import Effort, Spread, Subject, Times, compare, ratio
 
 
 @pytest.fixture(autouse=True)

@@ -7,11 +7,9 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-
-from denoc_ros.dynamics.robot import Robot, load_robot
-from denoc_ros.studies.benchmarks.peers import Dense, flexible_chain, rigid_chain
-from denoc_ros.studies.benchmarks.results import BenchCheck, BenchLine, Reach, compared
-from denoc_ros.studies.benchmarks.rigid import (
+from book.benchmarks.peers import Dense, flexible_chain, rigid_chain
+from book.benchmarks.results import BenchCheck, BenchLine, Reach, compared
+from book.benchmarks.rigid import (
     TOLERANCE,
     State,
     check,
@@ -19,7 +17,9 @@ from denoc_ros.studies.benchmarks.rigid import (
     random_states,
     results,
 )
-from denoc_ros.studies.benchmarks.timing import Effort, Spread, Subject, Times, compare, ratio
+from book.benchmarks.timing import Effort, Spread, Subject, Times, compare, ratio
+
+from denoc_ros.dynamics.robot import Robot, load_robot
 
 LINKS = (8, 16, 32, 64, 128)
 FEWER_LINKS = (8, 16, 32)  # where only results matter

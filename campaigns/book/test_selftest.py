@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from book.selftest import CONDITIONS, jobs, measure, selftest, table
 
 import denoc_ros as dn
-from denoc_ros.studies.selftest import CONDITIONS, jobs, measure, selftest, table
 
 # of failing where each estimate is exactly as good as promised: the limits are quantiles of the
 # binomial distribution, five or six laws per row

@@ -13,13 +13,7 @@ import numpy as np
 from scipy.stats import binom
 
 from denoc_ros.cli.arguments import add_json, add_option
-from denoc_ros.cli.many_runs import (
-    FAILURE,
-    WorkerConfig,
-    add_worker_options,
-    run_batch,
-    worker_config,
-)
+from denoc_ros.cli.many_runs import FAILURE, add_worker_options, run_batch, worker_config
 from denoc_ros.cli.verb_result import VerbResult
 from denoc_ros.cli.verbs import DOUBTFUL
 from denoc_ros.errors import IdentificationError
@@ -28,7 +22,6 @@ from denoc_ros.identification.decay.modes import Modes
 from denoc_ros.identification.decay.modes_fit import fit_modes
 from denoc_ros.identification.decay.records import Record
 from denoc_ros.identification.decay.spectra import evolving_spectra
-from denoc_ros.identification.verbs.identify_options import Action
 from denoc_ros.text_table import text_table
 from denoc_ros.types import Array
 
@@ -481,10 +474,15 @@ def selftest(
     return seed, list(runner(measure, jobs(full, seed)))
 
 
+DESCRIPTION = (
+    'Draw decays with known modes and the defects of a bag, identify them, and compare the '
+    'errors with the required accuracy. Exit status 2 if it is not reached.'
+)
 CHANCE_OF_SHORT = 1e-4  # that a short self-test fails estimators that are just good enough
 
 
-def _add_selftest(parser: argparse.ArgumentParser) -> None:
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
     add_option(parser, '--full', 'ten times as many records')
     add_option(
         parser, '--seed', 'seed, to repeat a run; default: drawn now, and printed', type=int
@@ -493,16 +491,20 @@ def _add_selftest(parser: argparse.ArgumentParser) -> None:
     add_worker_options(parser)
 
 
-def _selftest(full: bool, seed: int | None, json: bool, workers: WorkerConfig) -> VerbResult:
+def run(args: argparse.Namespace) -> VerbResult:
+    """Measure and compare with the required accuracy; errors are raised."""
+
     def runner(measure: Callable[[Job], Outcome], jobs: Iterable[Job]) -> Iterator[Outcome]:
         items = {str(k): (measure, job) for k, job in enumerate(jobs)}
-        for row in run_batch(outcome_row, items, None, workers, 'records', not json):
+        for row in run_batch(
+            outcome_row, items, None, worker_config(args), 'records', not args.json
+        ):
             if row[FAILURE]:
                 raise IdentificationError(f'selftest: record {row["key"]}: {row[FAILURE]}')
             yield row['outcome']
 
-    seed, outcomes = selftest(full, seed, runner)
-    rows = table(outcomes, 0.0 if full else CHANCE_OF_SHORT)
+    seed, outcomes = selftest(args.full, args.seed, runner)
+    rows = table(outcomes, 0.0 if args.full else CHANCE_OF_SHORT)
     shown = [
         {
             'condition': row.condition,
@@ -517,7 +519,7 @@ def _selftest(full: bool, seed: int | None, json: bool, workers: WorkerConfig) -
         }
         for row in rows
     ]
-    document = {'seed': seed, 'full': full, 'rows': list(map(dataclasses.asdict, rows))}
+    document = {'seed': seed, 'full': args.full, 'rows': list(map(dataclasses.asdict, rows))}
     status = 0 if all(row.passed for row in rows) else DOUBTFUL
     return VerbResult(document, [f'seed {seed}', text_table(shown)], status)
 
@@ -530,15 +532,3 @@ def outcome_row(item: tuple[Callable[[Job], Outcome], Job]) -> dict[str, Any]:
 
 def _percent(part: float) -> str:
     return f'{100.0 * part:.1f} %'
-
-
-DECLARED = (
-    Action(
-        'selftest',
-        'Draw decays with known modes and the defects of a bag, identify them, and compare the '
-        'errors with the required accuracy. Exit status 2 if it is not reached.',
-        _add_selftest,
-        _selftest,
-        settings={'workers': worker_config},
-    ),
-)

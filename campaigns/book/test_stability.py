@@ -1,4 +1,4 @@
-"""`denoc stability`: one page, numbers for machines, a status that says whether to trust them."""
+"""The stability study: one page, numbers for machines, a status that says what to trust."""
 
 from __future__ import annotations
 
@@ -6,10 +6,9 @@ import json
 from pathlib import Path
 
 import pytest
+from book.__main__ import main
 from page_look import require_one_look
 from planar_chains import PlanarLink, planar_chain
-
-from denoc_ros.cli.main import main
 
 SWING = """gravity: [0, -9.81, 0]
 torque:

@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from book.benchmarks.limits import FORWARD, INVERSE, count_verbs
+from book.benchmarks.operations import Counted, CountingKernels, Operations
+from book.benchmarks.peers import flexible_chain, rigid_chain
+from book.benchmarks.rigid import random_states
 from numpy.typing import ArrayLike
 
 from denoc_ros.dynamics.robot import load_robot
-from denoc_ros.studies.benchmarks.limits import FORWARD, INVERSE, count_verbs
-from denoc_ros.studies.benchmarks.operations import Counted, CountingKernels, Operations
-from denoc_ros.studies.benchmarks.peers import flexible_chain, rigid_chain
-from denoc_ros.studies.benchmarks.rigid import random_states
 
 VECTOR = np.array([1.0, 2.0, 3.0])
 

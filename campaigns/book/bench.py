@@ -1,4 +1,4 @@
-"""`denoc bench`: check results, then time them beside their peers."""
+"""Benchmark: check results, then time them beside their peers."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from book.benchmarks import derivatives, growth, rigid
+from book.benchmarks.limits import Account, accounts
+from book.benchmarks.peers import flexible_chain, rigid_chain
+from book.benchmarks.results import BenchCheck, BenchLine, Reach, relative_error
+from book.benchmarks.rigid import TOLERANCE
+from book.benchmarks.timing import FULL, QUICK, Spread, Times
 
 from denoc_ros.cli.arguments import add_json, add_option
 from denoc_ros.cli.session.session_config import find_file
 from denoc_ros.dynamics.robot import load_robot
 from denoc_ros.errors import DenocError
 from denoc_ros.python_start import code_words
-from denoc_ros.studies.benchmarks import derivatives, growth, rigid
-from denoc_ros.studies.benchmarks.limits import Account, accounts
-from denoc_ros.studies.benchmarks.peers import flexible_chain, rigid_chain
-from denoc_ros.studies.benchmarks.results import BenchCheck, BenchLine, Reach, relative_error
-from denoc_ros.studies.benchmarks.rigid import TOLERANCE
-from denoc_ros.studies.benchmarks.timing import FULL, QUICK, Spread, Times
 from denoc_ros.terminal_text import say
 
 GROUPS = (
@@ -48,7 +48,7 @@ DESCRIPTION = (
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Declare the verb's arguments."""
+    """Declare the arguments."""
     add_option(
         parser, '--only NAME', f'groups to run, of {", ".join(GROUPS)}', nargs='+', choices=GROUPS
     )
@@ -61,7 +61,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run the verb and return the exit status; errors are raised."""
+    """Run the groups and return the exit status; errors are raised."""
     groups = args.only or (GROUPS if not args.quick else [g for g in GROUPS if g != 'load'])
     # standard output is for JSON
     show: Callable[[str], object] = str if args.json else partial(print, flush=True)
@@ -85,7 +85,7 @@ def run(args: argparse.Namespace) -> int:
     wrong = {what: check for what, check in wrong.items() if not check.good}
     for what, check in wrong.items():
         say(
-            f'denoc bench: {what}: result must agree with {check.against} to '
+            f'bench: {what}: result must agree with {check.against} to '
             f'{check.tolerance:.3g}, got {check.error:.3g}',
             file=sys.stderr,
         )

@@ -7,11 +7,11 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from book.benchmarks.timing import Subject
 from scipy.linalg.lapack import dposv
 
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import DenocError
-from denoc_ros.studies.benchmarks.timing import Subject
 from denoc_ros.types import Array
 
 State = tuple[Array, ...]

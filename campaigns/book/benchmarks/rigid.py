@@ -10,19 +10,19 @@ from typing import Any
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import ArrayLike
-
-from denoc_ros.dynamics.robot import Robot, load_robot
-from denoc_ros.dynamics.state_rows import cores
-from denoc_ros.studies.benchmarks.peers import Dense, Pinocchio, rigid_chain
-from denoc_ros.studies.benchmarks.results import (
+from book.benchmarks.peers import Dense, Pinocchio, rigid_chain
+from book.benchmarks.results import (
     BenchCheck,
     BenchLine,
     Reach,
     compared,
     relative_error,
 )
-from denoc_ros.studies.benchmarks.timing import Effort, Subject, compare, ratio
+from book.benchmarks.timing import Effort, Subject, compare, ratio
+from numpy.typing import ArrayLike
+
+from denoc_ros.dynamics.robot import Robot, load_robot
+from denoc_ros.dynamics.state_rows import cores
 from denoc_ros.types import Array
 
 State = tuple[Array, ...]

@@ -13,9 +13,9 @@ from mechanisms import CONFIG, DOWN, SHIPPED, START, mechanism
 
 from denoc_ros.cli.main import main
 from denoc_ros.errors import ConfigError
+from denoc_ros.export.dh_system import load_system, read_system
+from denoc_ros.export.dh_verb import urdf_text
 from denoc_ros.model.reading.urdf import load_tree
-from denoc_ros.studies.dh import urdf_text
-from denoc_ros.studies.dh_system import load_system, read_system
 
 ROD: dict[str, Any] = {'a': 1.0, 'm': 2.0, 'EI': 100.0}
 TRIANGLE: dict[str, Any] = {

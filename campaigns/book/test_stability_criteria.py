@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from book.stability_study import CholeskyRobot, Study, roughness, study_stability
 from book_runs import desired, joints, shipped
 from planar_chains import CANADARM, PlanarLink, planar_chain
 
 import denoc_ros as dn
 from denoc_ros.simulation.scenario import scenario_from_config
 from denoc_ros.simulation.time_functions import SampledTorque
-from denoc_ros.studies.stability_study import CholeskyRobot, Study, roughness, study_stability
 
 LENGTH, DOWN = 1.3, (0.0, -9.81, 0.0)
 PENDULUM = planar_chain([PlanarLink(LENGTH, 5.0)])

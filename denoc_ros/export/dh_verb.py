@@ -11,11 +11,11 @@ from lxml import etree
 
 from denoc_ros.cli.arguments import add_option, add_output
 from denoc_ros.cli.session.session_config import find_file
+from denoc_ros.export.dh_system import DHLink, DHPoint, DHSystem, load_system
 from denoc_ros.model.reading.findings import Element
 from denoc_ros.model.reading.poses import number_text, rpy_of
 from denoc_ros.model.reading.urdf import load_tree
 from denoc_ros.output_files import write_new
-from denoc_ros.studies.dh_system import DHLink, DHPoint, DHSystem, load_system
 from denoc_ros.terminal_text import say
 from denoc_ros.types import Array
 

@@ -12,13 +12,13 @@ import pytest
 import yaml
 
 from denoc_ros.errors import ConfigError, ModelError
+from denoc_ros.export import dh_verb as command
+from denoc_ros.export.dh_system import DHLink, DHSystem, load_system, read_system
+from denoc_ros.export.dh_verb import rod_inertia, urdf_text
 from denoc_ros.model.beams.shapes import WaveShapes
 from denoc_ros.model.inertia import inverse_transform
 from denoc_ros.model.reading.urdf import load_tree
 from denoc_ros.model.tree import Joint, JointKind, Tree
-from denoc_ros.studies import dh as command
-from denoc_ros.studies.dh import rod_inertia, urdf_text
-from denoc_ros.studies.dh_system import DHLink, DHSystem, load_system, read_system
 from denoc_ros.types import Array
 
 CONFIG = Path(__file__).resolve().parents[2] / 'config'

@@ -6,12 +6,10 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
-
-from denoc_ros.dynamics.robot import Robot, load_robot
-from denoc_ros.studies.benchmarks.growth import Made, slope_lines
-from denoc_ros.studies.benchmarks.peers import Pinocchio, flexible_chain, rigid_chain
-from denoc_ros.studies.benchmarks.results import BenchCheck, BenchLine, Reach
-from denoc_ros.studies.benchmarks.rigid import (
+from book.benchmarks.growth import Made, slope_lines
+from book.benchmarks.peers import Pinocchio, flexible_chain, rigid_chain
+from book.benchmarks.results import BenchCheck, BenchLine, Reach
+from book.benchmarks.rigid import (
     SIZES,
     State,
     conditioned,
@@ -19,7 +17,9 @@ from denoc_ros.studies.benchmarks.rigid import (
     pair,
     random_states,
 )
-from denoc_ros.studies.benchmarks.timing import Effort, Subject, compare, ratio
+from book.benchmarks.timing import Effort, Subject, compare, ratio
+
+from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.types import Array
 
 REACH_INVERSE = (0.9, 0.6, 0.6)

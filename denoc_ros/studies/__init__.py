@@ -1,1 +1,0 @@
-"""Studies of the book and benchmarks; no other room imports them."""
