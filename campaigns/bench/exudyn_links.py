@@ -1,6 +1,6 @@
 """Arms of meshed links and of tapered beams beside Exudyn: the place of the tip over two seconds.
 
-    python -m bench.exudyn_links
+    python -m campaigns exudyn-links
 
 `meshed`: two links of one mesh, at joints that turn about different axes. Exudyn's floating frame
 of reference (`ObjectFFRFreducedOrder`) has the same stiffness, mass and modes. The arm starts with

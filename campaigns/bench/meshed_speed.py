@@ -1,6 +1,6 @@
 """Time of an arm of meshed links beside one of beams with as many modes.
 
-    python -m bench.meshed_speed
+    python -m campaigns meshed
 
 Two links, six modes each: the mesh's with all terms of second order, the beams' three in each
 plane. Calls take turns; a ratio is the median of those of the blocks.
