@@ -36,7 +36,7 @@ class NodeModules(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Part:
+class OptionalPart:
     """What an optional part adds to the core; modules are named below `denoc_ros`.
 
     Attributes
@@ -70,9 +70,9 @@ CORE_NODES = {
 
 
 @cache
-def parts() -> dict[str, Part]:
+def parts() -> dict[str, OptionalPart]:
     """Return the parts that are there, and whose needs are."""
-    found: dict[str, Part] = {
+    found: dict[str, OptionalPart] = {
         name: import_module(f'denoc_ros.{name}').PART
         for name in PARTS
         if find_spec(f'denoc_ros.{name}') is not None

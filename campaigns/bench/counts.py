@@ -20,6 +20,7 @@ from typing import Any
 
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGE = 'denoc_ros'
+MOST_FILES = 20  # files in a folder, without its subfolders
 Function = ast.FunctionDef | ast.AsyncFunctionDef
 
 
@@ -29,6 +30,7 @@ class Module:
 
     name: str  # dotted
     room: str  # the subpackage that it stands in
+    path: Path
     text: str
     tree: ast.Module
 
@@ -41,7 +43,7 @@ def modules(root: Path = ROOT) -> list[Module]:
         name = '.'.join(parts[:-1] if parts[-1] == '__init__' else parts)
         room = parts[1] if len(parts) > 2 else '.'
         text = path.read_text(encoding='utf-8')
-        found.append(Module(name, room, text, ast.parse(text)))
+        found.append(Module(name, room, path, text, ast.parse(text)))
     return found
 
 
@@ -75,7 +77,8 @@ def imports(module: Module, known: set[str]) -> set[str]:
         if isinstance(node, ast.Import):
             names = [alias.name for alias in node.names]
         elif isinstance(node, ast.ImportFrom) and node.module:
-            names = [f'{node.module}.{alias.name}' for alias in node.names] + [node.module]
+            inside = [f'{node.module}.{alias.name}' for alias in node.names]
+            names = [name if name in known else node.module for name in inside]
         else:
             continue
         found |= {name for name in names if name in known}
@@ -153,10 +156,14 @@ def walks(root: Path = ROOT) -> dict[str, int]:
     return {row.split('|')[1].strip(): len(re.findall(r'`\w+/[\w/]+\.py`', row)) for row in shown}
 
 
-def importers(found: Sequence[Module], package: str, *allowed: str) -> list[str]:
-    """Return the modules outside the allowed rooms that import a package."""
-    pattern = re.compile(rf'^\s*(?:import|from) {package}\b', re.MULTILINE)
-    return [m.name for m in found if m.room not in allowed and pattern.search(m.text)]
+def optional_parts(root: Path = ROOT) -> tuple[str, ...]:
+    """Return the names of the optional parts, which `denoc_ros/parts.py` lists."""
+    file = root / PACKAGE / 'parts.py'
+    text = file.read_text(encoding='utf-8') if file.is_file() else 'PARTS = ()'
+    for node in ast.parse(text).body:
+        if isinstance(node, ast.Assign) and getattr(node.targets[0], 'id', '') == 'PARTS':
+            return tuple(ast.literal_eval(node.value))
+    return ()
 
 
 def counts(root: Path = ROOT) -> dict[str, Any]:
@@ -173,12 +180,22 @@ def counts(root: Path = ROOT) -> dict[str, Any]:
     kernels = [f for m in found if m.room == 'kernels' for f in functions(m)]
     others = [f for m in found if m.room != 'kernels' for f in functions(m)]
     graph = {m.name: imports(m, known) for m in found}
+    optional = optional_parts(root)
+    core = sum(count for room, count in lines.items() if room not in optional)
+    files = Counter(m.path.parent.relative_to(root) for m in found)
+    names = Counter(m.path.name for m in found if m.path.name != '__init__.py')
     asking = [m for m in found if m.room not in ('model', 'dynamics')]
     return {
         'lines': dict(sorted(lines.items())),
+        'lines of the core': core,
+        'lines of optional parts': sum(lines.values()) - core,
         'lines in all': sum(lines.values()),
         'files': dict(sorted(Counter(module.room for module in found).items())),
         'files in all': len(found),
+        'folders with more than 20 files': sorted(
+            str(folder) for folder, count in files.items() if count > MOST_FILES
+        ),
+        'file names that occur twice': sorted(n for n, times in names.items() if times > 1),
         'import lines': sum(_import_lines(module) for module in found),
         'imports inside functions': sum(late_imports(module) for module in found),
         'imports inside functions of cli': sum(late_imports(m) for m in found if m.room == 'cli'),
@@ -212,8 +229,6 @@ def counts(root: Path = ROOT) -> dict[str, Any]:
             )
             for module in asking
         ),
-        'importers of rclpy outside nodes': importers(found, 'rclpy', 'nodes'),
-        'importers of argparse outside cli': importers(found, 'argparse', 'cli'),
     }
 
 

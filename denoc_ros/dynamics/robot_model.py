@@ -16,7 +16,6 @@ from denoc_ros.dynamics.validation import as_vector, require_finite, require_rot
 from denoc_ros.errors import SolverError, StateError
 from denoc_ros.kernels.constraints import closing, closure, constrained
 from denoc_ros.kernels.dynamics import articulated, composite, inverse, world
-from denoc_ros.kernels.dynamics.link_side_dynamics import STATES as LINK_STATES
 from denoc_ros.kernels.jit import handle
 from denoc_ros.kernels.jit import handle as rec_
 from denoc_ros.kernels.jit.array_object import FLOAT64, array_type
@@ -24,6 +23,7 @@ from denoc_ros.kernels.jit.compiled import ready
 from denoc_ros.kernels.jit.handle import GOOD, NOT_FINITE, SINGULAR
 from denoc_ros.kernels.layout import layout
 from denoc_ros.kernels.layout import layout as at_
+from denoc_ros.kernels.springs.link_side_dynamics import STATES as LINK_STATES
 from denoc_ros.model.arrays import ModelArrays, inertia_row, rigid_inertia, to_arrays
 from denoc_ros.model.coordinates import diagonals
 from denoc_ros.model.inertia import difference, from_centre, inverse_transform, moved, total

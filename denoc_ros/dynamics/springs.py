@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from denoc_ros.dynamics.robot_model import Held, RobotModel
-from denoc_ros.kernels.dynamics.link_side_dynamics import elastic_terms
 from denoc_ros.kernels.jit.compiled import ready
 from denoc_ros.kernels.jit.handle import PLAY, STIFFNESS3
+from denoc_ros.kernels.springs.link_side_dynamics import elastic_terms
 from denoc_ros.model.tree import Spring
 from denoc_ros.types import Array
 

@@ -23,9 +23,10 @@ from denoc_ros.dynamics.validation import (
 )
 from denoc_ros.errors import StateError
 from denoc_ros.kernels.constraints import constrained
-from denoc_ros.kernels.dynamics import articulated, composite, inverse, sprung, world
+from denoc_ros.kernels.dynamics import articulated, composite, inverse, world
 from denoc_ros.kernels.jit.compiled import entry, ready
 from denoc_ros.kernels.jit.handle import GOOD, MISFIT
+from denoc_ros.kernels.springs import sprung
 from denoc_ros.model.arrays import ModelArrays
 from denoc_ros.types import Array
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from denoc_ros.parts import Part, Verb
+from denoc_ros.parts import OptionalPart, Verb
 
-PART = Part(
+PART = OptionalPart(
     verbs={
         'export': Verb(
             "write a robot as MuJoCo's or Gazebo's model, beams as chains of sprung rods",

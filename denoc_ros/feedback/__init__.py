@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from denoc_ros.parts import Part
+from denoc_ros.parts import OptionalPart
 
-PART = Part(
+PART = OptionalPart(
     # errors of the model change the plan of the tip
     needs=('planning',),
     jobs={'gains': 'feedback.gain_jobs'},

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from denoc_ros.parts import NodeModules, Part, Verb
+from denoc_ros.parts import NodeModules, OptionalPart, Verb
 
-PART = Part(
+PART = OptionalPart(
     names={'shape_motion': 'planning.shape_motion'},
     verbs={
         'shape': Verb(

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from denoc_ros.parts import Part, Verb
+from denoc_ros.parts import OptionalPart, Verb
 
-PART = Part(
+PART = OptionalPart(
     names={'suggest_flexibility': 'reduction.suggest.suggestion'},
     verbs={
         'reduce': Verb(

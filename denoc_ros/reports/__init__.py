@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from denoc_ros.parts import Part, Verb
+from denoc_ros.parts import OptionalPart, Verb
 
-PART = Part(
+PART = OptionalPart(
     names={'report': 'reports.run_page'},
     verbs={'report': Verb('write the HTML report of a run or of any bag', 'reports.report_verb')},
 )

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from denoc_ros.parts import NodeModules, Part, Verb
+from denoc_ros.parts import NodeModules, OptionalPart, Verb
 
 NO_VISER = 'viser must be importable, got: {}; pip install "denoc_ros[viewer]"'
 
-PART = Part(
+PART = OptionalPart(
     verbs={
         'view': Verb(
             'show a robot or a run in the browser: deformed links, forces, natural modes; write '

@@ -26,8 +26,6 @@ from denoc_ros.kernels.dynamics.articulated import (
 )
 from denoc_ros.kernels.dynamics.inverse import outward_motion
 from denoc_ros.kernels.dynamics.link_motion import linear_velocity
-from denoc_ros.kernels.dynamics.link_side_dynamics import lacks_rotor
-from denoc_ros.kernels.dynamics.spring_torque import internal_force
 from denoc_ros.kernels.dynamics.states import over_rows
 from denoc_ros.kernels.dynamics.step import FIRST_STAGE, SECOND_STAGE
 from denoc_ros.kernels.jit import handle as rec_
@@ -44,6 +42,8 @@ from denoc_ros.kernels.jit.handle import (
 )
 from denoc_ros.kernels.layout import constraint_layout as loop_
 from denoc_ros.kernels.layout import layout as at_
+from denoc_ros.kernels.springs.link_side_dynamics import lacks_rotor
+from denoc_ros.kernels.springs.spring_torque import internal_force
 
 CONTRADICTED = 4  # a status: no accelerations obey all rows
 

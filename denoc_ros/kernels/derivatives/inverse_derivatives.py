@@ -57,7 +57,6 @@ from denoc_ros.kernels.derivatives.derivative_rows import (
 from denoc_ros.kernels.dynamics.composite import shifted_spin
 from denoc_ros.kernels.dynamics.placement import move_modes, place_by_sines
 from denoc_ros.kernels.dynamics.section_columns import geometric_terms, show_columns, write_seen
-from denoc_ros.kernels.dynamics.spring_torque import internal_slope
 from denoc_ros.kernels.dynamics.states import matrices_of_state, over_rows
 from denoc_ros.kernels.dynamics.world import section_place, world_pose
 from denoc_ros.kernels.jit import handle as rec_
@@ -77,6 +76,7 @@ from denoc_ros.kernels.jit.handle import (
 )
 from denoc_ros.kernels.layout import derivative_layout as diff_
 from denoc_ros.kernels.layout import layout as at_
+from denoc_ros.kernels.springs.spring_torque import internal_slope
 
 
 @short_inlined

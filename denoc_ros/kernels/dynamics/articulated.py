@@ -20,8 +20,6 @@ from denoc_ros.kernels.dynamics.elimination import (
     outward_rigid,
 )
 from denoc_ros.kernels.dynamics.inverse import joint_force, outward_motion
-from denoc_ros.kernels.dynamics.link_side_dynamics import lacks_rotor
-from denoc_ros.kernels.dynamics.spring_torque import internal_force
 from denoc_ros.kernels.dynamics.states import over_rows, vector_of_state
 from denoc_ros.kernels.jit import handle as rec_
 from denoc_ros.kernels.jit.compiled import NUMBERS, apart, inlined, kernel
@@ -35,6 +33,8 @@ from denoc_ros.kernels.jit.handle import (
     model_arrays,
 )
 from denoc_ros.kernels.layout import layout as at_
+from denoc_ros.kernels.springs.link_side_dynamics import lacks_rotor
+from denoc_ros.kernels.springs.spring_torque import internal_force
 
 
 @inlined

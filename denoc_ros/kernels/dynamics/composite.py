@@ -24,7 +24,6 @@ from denoc_ros.kernels.dynamics.body_inertia import flexible_inertia
 from denoc_ros.kernels.dynamics.inverse import outward_motion
 from denoc_ros.kernels.dynamics.link_motion import linear_velocity
 from denoc_ros.kernels.dynamics.placement import place_by_sines, place_modes
-from denoc_ros.kernels.dynamics.spring_torque import spring_energy
 from denoc_ros.kernels.dynamics.states import over_rows
 from denoc_ros.kernels.dynamics.world import world_pose
 from denoc_ros.kernels.jit import handle as rec_
@@ -47,6 +46,7 @@ from denoc_ros.kernels.jit.handle import (
     model_arrays,
 )
 from denoc_ros.kernels.layout import layout as at_
+from denoc_ros.kernels.springs.spring_torque import spring_energy
 
 
 @inlined

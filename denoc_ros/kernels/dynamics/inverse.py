@@ -4,7 +4,6 @@ from denoc_ros.kernels.algebra.rotation import write_sines
 from denoc_ros.kernels.algebra.vector import all_finite, dot, load
 from denoc_ros.kernels.dynamics.link_motion import move_body
 from denoc_ros.kernels.dynamics.placement import place_beam, place_by_sines
-from denoc_ros.kernels.dynamics.spring_torque import internal_force
 from denoc_ros.kernels.dynamics.states import over_rows, vector_of_state
 from denoc_ros.kernels.dynamics.wrench import body_wrench, transmit_wrench
 from denoc_ros.kernels.jit import handle as rec_
@@ -17,6 +16,7 @@ from denoc_ros.kernels.jit.handle import (
     model_arrays,
 )
 from denoc_ros.kernels.layout import layout as at_
+from denoc_ros.kernels.springs.spring_torque import internal_force
 
 
 @inlined

@@ -10,7 +10,6 @@ import numpy as np
 from denoc_ros.kernels.constraints.closing import close_constraints
 from denoc_ros.kernels.constraints.constrained import EXPLICIT, find_constrained
 from denoc_ros.kernels.dynamics.articulated import find_acceleration
-from denoc_ros.kernels.dynamics.sprung import find_sprung_acceleration
 from denoc_ros.kernels.jit import handle as rec_
 from denoc_ros.kernels.jit.compiled import inlined, kernel
 from denoc_ros.kernels.jit.handle import (
@@ -25,6 +24,7 @@ from denoc_ros.kernels.jit.handle import (
     model_arrays,
 )
 from denoc_ros.kernels.layout.constraint_layout import CONSTRAINTS
+from denoc_ros.kernels.springs.sprung import find_sprung_acceleration
 
 # elements of `control`
 TIME = 0  # s

@@ -13,7 +13,6 @@ brought back onto the constraints (see closing).
 import numpy as np
 
 from denoc_ros.kernels.dynamics.articulated import find_articulated
-from denoc_ros.kernels.dynamics.spring_torque import step_stiffness
 from denoc_ros.kernels.jit import handle as rec_
 from denoc_ros.kernels.jit.compiled import inlined, rows_kernel
 from denoc_ros.kernels.jit.handle import (
@@ -28,6 +27,7 @@ from denoc_ros.kernels.jit.handle import (
     model_arrays,
 )
 from denoc_ros.kernels.layout import layout as at_
+from denoc_ros.kernels.springs.spring_torque import step_stiffness
 
 GAMMA = 1.0 - np.sqrt(0.5)
 FIRST_STAGE = 1

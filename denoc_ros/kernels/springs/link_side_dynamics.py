@@ -10,7 +10,6 @@ its own q'' = (tau_q - friction(q') - (tau_s - spring(s, s'))) / armature.
 import numpy as np
 
 from denoc_ros.kernels.algebra.vector import all_finite
-from denoc_ros.kernels.dynamics.spring_torque import internal_force, spring_force, spring_slope
 from denoc_ros.kernels.jit import handle as rec_
 from denoc_ros.kernels.jit.compiled import inlined, kernel
 from denoc_ros.kernels.jit.handle import (
@@ -26,6 +25,7 @@ from denoc_ros.kernels.jit.handle import (
 )
 from denoc_ros.kernels.jit.pointers import span
 from denoc_ros.kernels.layout.layout import VELOCITY, WORLD_ROTATION
+from denoc_ros.kernels.springs.spring_torque import internal_force, spring_force, spring_slope
 
 STATES = 4  # rows of n elements that a call takes
 

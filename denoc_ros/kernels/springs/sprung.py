@@ -6,7 +6,10 @@ one: see link_side.
 
 from denoc_ros.kernels.dynamics.articulated import find_acceleration
 from denoc_ros.kernels.dynamics.inverse import find_torque
-from denoc_ros.kernels.dynamics.link_side_dynamics import (
+from denoc_ros.kernels.dynamics.states import over_rows, vector_of_state
+from denoc_ros.kernels.jit.compiled import shared
+from denoc_ros.kernels.jit.handle import GOOD, coordinates, link_side
+from denoc_ros.kernels.springs.link_side_dynamics import (
     copy_base,
     gather,
     gather_force,
@@ -15,9 +18,6 @@ from denoc_ros.kernels.dynamics.link_side_dynamics import (
     scatter_acceleration,
     scatter_torque,
 )
-from denoc_ros.kernels.dynamics.states import over_rows, vector_of_state
-from denoc_ros.kernels.jit.compiled import shared
-from denoc_ros.kernels.jit.handle import GOOD, coordinates, link_side
 
 
 @shared

@@ -1,0 +1,1 @@
+"""Springs of elastic joints, and the dynamics seen from the links behind them."""
