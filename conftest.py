@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 from hypothesis import settings
+from needed_parts import missing_parts, needed_parts
 from ros_domains import claimed_domain
 from simulated_bags import SimulatedBag, make_simulated_bag
 
@@ -91,10 +92,17 @@ SOURCES = (
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
-    """Leave out files that have no test of those asked for by `-m`: their imports take seconds.
+    """Leave out files that need a part of the package that was removed.
 
-    A file's own words say which markers it has.
+    Files that have no test of those asked for by `-m` are left out too: their imports take
+    seconds. A file's own words say which markers it has.
     """
+    if (
+        collection_path.name.startswith('test_')
+        and not collection_path.is_dir()
+        and needed_parts(collection_path) & missing_parts()
+    ):
+        return True
     asked = str(config.getoption('markexpr')).split(' and ')
     known = all(re.fullmatch(r'(not )?(ros|alone|long)', each) for each in asked)
     if not known or not collection_path.name.startswith('test_') or collection_path.is_dir():
@@ -117,12 +125,19 @@ def pytest_itemcollected(item: pytest.Item) -> None:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Begin with the files that take longest."""
+    """Begin with the files that take longest; leave out tests of parts that were removed."""
+    gone = missing_parts()
+    items[:] = [item for item in items if not gone.intersection(parts_of(item))]
     missing = [name for name in LONGEST if not (ROOT / name).is_file()]
-    if missing:
+    if missing and not gone:
         raise pytest.UsageError(f'LONGEST must name files, got {missing}')
     first = {ROOT / name: place for place, name in enumerate(LONGEST)}
     items.sort(key=lambda item: first.get(item.path, len(first)))
+
+
+def parts_of(item: pytest.Item) -> set[str]:
+    """Return the parts of the package that a test names by its marker `parts`."""
+    return {name for marker in item.iter_markers('parts') for name in marker.args}
 
 
 @pytest.fixture(scope='session', autouse=True)

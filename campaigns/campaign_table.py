@@ -116,6 +116,7 @@ CAMPAIGNS = {
     ),
     'gauges': Campaign('trust.gauge_relay', 'deflection with faulty gauges over DDS', 'minutes'),
     'pauses': Campaign('trust.paused_feedback', 'feedback while processes are stopped', 'minutes'),
+    'parts': Campaign('trust.removed_parts', 'the package without each optional part', '1 h'),
     'smoke': Campaign('trust.smoke', 'the wheel in an empty environment', '3 min'),
     'bounds': Campaign(
         'pytest test/kernels test/dynamics',

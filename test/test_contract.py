@@ -21,6 +21,9 @@ from denoc_ros.cli.session.session_config import NODES
 from denoc_ros.cli.verbs import verbs
 from denoc_ros.parts import parameter_table
 
+# What is written, packed or listed is the whole package.
+pytestmark = pytest.mark.parts('all')
+
 ROOT = Path(__file__).resolve().parents[1]
 LIST = ROOT / 'test' / 'data' / 'contract.json'
 # a row of a table: names, then the type of a message or service

@@ -12,6 +12,9 @@ import pytest
 from pages import Snippet, shows, snippets
 from snippet_kinds import check_xml, check_yaml, run_command
 
+# What is written, packed or listed is the whole package.
+pytestmark = pytest.mark.parts('all')
+
 ROOT = Path(__file__).resolve().parent.parent
 PAGES = [ROOT / 'README.md', *sorted((ROOT / 'docs').glob('*.md'))]
 LANGUAGES = {'python', 'sh', 'yaml', 'xml', 'text', 'mermaid', 'math', ''}

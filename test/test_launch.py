@@ -21,6 +21,9 @@ from denoc_ros.cli.session.session_config import NODES
 from denoc_ros.parts import parameter_table
 from denoc_ros.python_start import module_words
 
+# What is written, packed or listed is the whole package.
+pytestmark = pytest.mark.parts('all')
+
 ROOT = Path(__file__).resolve().parent.parent
 FILES = sorted((ROOT / 'launch').glob('*.launch.py'))
 ROBOT = str(ROOT / 'config' / 'robots' / 'canadarm.urdf')

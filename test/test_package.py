@@ -24,6 +24,9 @@ from trust.smoke import inside_script, lost_links, tried
 from denoc_ros.cli.session.session_config import NODES
 from denoc_ros.versions import source_commit
 
+# What is written, packed or listed is the whole package.
+pytestmark = pytest.mark.parts('all')
+
 BUILD_TIMEOUT = 300.0  # s for what takes ten on a machine that does nothing else
 EXTRAS = ('ros', 'viewer', 'test')
 # those of the package index that fit; any other would be refused there

@@ -16,6 +16,9 @@ from denoc_ros.cli.session.session_config import NODES
 from denoc_ros.cli.verbs import verbs
 from denoc_ros.parts import parameter_table
 
+# What is written, packed or listed is the whole package.
+pytestmark = pytest.mark.parts('all')
+
 ROOT = Path(__file__).resolve().parent.parent
 README = ROOT / 'README.md'
 INDEX, NODES_PAGE = ROOT / 'docs' / 'index.md', ROOT / 'docs' / 'nodes.md'

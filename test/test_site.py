@@ -19,6 +19,9 @@ from sphinx.util.inventory import InventoryFile
 import denoc_ros
 from denoc_ros.cli.verbs import verbs
 
+# What is written, packed or listed is the whole package.
+pytestmark = pytest.mark.parts('all')
+
 ROOT = Path(__file__).resolve().parent.parent
 BUILD_TIMEOUT = 1200.0  # s for what takes half a minute on a machine that does nothing else
 LONGEST_EXAMPLE = 40  # lines

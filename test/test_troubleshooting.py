@@ -9,6 +9,9 @@ from pathlib import Path
 
 import pytest
 
+# What is written, packed or listed is the whole package.
+pytestmark = pytest.mark.parts('all')
+
 ROOT = Path(__file__).resolve().parent.parent
 ROWS = re.findall(
     r'^\| (`.*?) \| ', (ROOT / 'docs' / 'troubleshooting.md').read_text(), re.MULTILINE
