@@ -40,82 +40,96 @@ CAMPAIGNS = {
         'book selftest', 'accuracy of the estimators on synthetic decays', 'minutes'
     ),
     'rates': Campaign(
-        'bench.rates', 'missed deadlines, lost messages and load of the nodes', '7 min'
+        'bench.loops.rates', 'missed deadlines, lost messages and load of the nodes', '7 min'
     ),
-    'tick': Campaign('bench.tick_latency', 'time of a tick beside an empty node', 'minutes'),
+    'tick': Campaign('bench.ticks.tick_latency', 'time of a tick beside an empty node', 'minutes'),
     'bytecodes': Campaign(
-        'bench.tick_bytecodes', 'bytecodes and Python calls of a tick', 'minutes'
+        'bench.ticks.tick_bytecodes', 'bytecodes and Python calls of a tick', 'minutes'
     ),
-    'recorder': Campaign('bench.recorder_load', '50 topics with 5 MB/s, all recorded', '2 min'),
+    'recorder': Campaign(
+        'bench.loops.recorder_load', '50 topics with 5 MB/s, all recorded', '2 min'
+    ),
     'lateness': Campaign(
-        'bench.loop_lateness', 'delay of a loop by the recorder and by bad input', '3 min'
+        'bench.loops.loop_lateness', 'delay of a loop by the recorder and by bad input', '3 min'
     ),
-    'watched': Campaign('bench.viewer_lateness', 'delay of the loops by the viewer', '3 min'),
-    'requests': Campaign('bench.request_lateness', 'delay of a loop by requests', '20 min'),
+    'watched': Campaign(
+        'bench.loops.viewer_lateness', 'delay of the loops by the viewer', '3 min'
+    ),
+    'requests': Campaign('bench.loops.request_lateness', 'delay of a loop by requests', '20 min'),
     'neighbours': Campaign(
-        'bench.neighbours', 'delay of a publisher by killed listeners', 'minutes'
+        'bench.loops.neighbours', 'delay of a publisher by killed listeners', 'minutes'
     ),
     'long-bag': Campaign('bench.long_bag', 'time and memory of the replay of 1 GB', '10 min'),
-    'meshed': Campaign('bench.meshed_speed', 'time of meshed links beside beams', 'minutes'),
-    'five-bar': Campaign('bench.exudyn_five_bar', 'the five-bar beside Exudyn', 'minutes'),
+    'meshed': Campaign('bench.links.meshed_speed', 'time of meshed links beside beams', 'minutes'),
+    'five-bar': Campaign('bench.links.exudyn_five_bar', 'the five-bar beside Exudyn', 'minutes'),
     'exudyn-links': Campaign(
-        'bench.exudyn_links', 'meshed and tapered links beside Exudyn', 'minutes'
+        'bench.links.exudyn_links', 'meshed and tapered links beside Exudyn', 'minutes'
     ),
     'circle': Campaign(
-        'bench.platform_circle',
+        'bench.links.platform_circle',
         'the three-legged manipulator on a circle',
         'minutes',
         'docs/platform_circle.png',
     ),
     'deflections': Campaign(
-        'bench.small_deflections',
+        'bench.links.small_deflections',
         'how far small deflections reach',
         'minutes',
         'docs/small_deflections.png',
     ),
-    'tips': Campaign('bench.mujoco_tips', 'errors of tip-exact plans in MuJoCo', '30 min'),
+    'tips': Campaign('bench.plans.mujoco_tips', 'errors of tip-exact plans in MuJoCo', '30 min'),
     'plans': Campaign(
-        'bench.tip_motions', 'errors and computing time of tip-exact plans', 'minutes'
+        'bench.plans.tip_motions', 'errors and computing time of tip-exact plans', 'minutes'
     ),
-    'fastest': Campaign('bench.fastest', 'minimum times beside TOPP-RA', '15 min'),
-    'rests': Campaign('bench.rest_cycles', 'cycle times and swing of shapers', 'minutes'),
+    'fastest': Campaign('bench.plans.fastest', 'minimum times beside TOPP-RA', '15 min'),
+    'rests': Campaign('bench.plans.rest_cycles', 'cycle times and swing of shapers', 'minutes'),
     'ipopt-path': Campaign(
-        'bench.path_by_ipopt', 'minimum times on a path beside IPOPT', 'minutes'
+        'bench.plans.path_by_ipopt', 'minimum times on a path beside IPOPT', 'minutes'
     ),
-    'ipopt-rest': Campaign('bench.rest_by_ipopt', 'rest to rest beside IPOPT', 'minutes'),
+    'ipopt-rest': Campaign('bench.plans.rest_by_ipopt', 'rest to rest beside IPOPT', 'minutes'),
     'feedback': Campaign(
-        'bench.feedback_truths', 'tip errors with feedback on other robots', 'minutes'
+        'bench.plans.feedback_truths', 'tip errors with feedback on other robots', 'minutes'
     ),
-    'sensors': Campaign('bench.sensor_faults', 'detection of faulty sensors', 'hours'),
+    'sensors': Campaign('bench.sensors.sensor_faults', 'detection of faulty sensors', 'hours'),
     'identification': Campaign(
-        'bench.identify_truth',
+        'bench.identify.identify_truth',
         'errors of the identification of 100 random robots',
         '1 h',
         '--count 100 --json runs/identification.json',
     ),
-    'strangers': Campaign('bench.identify_strangers', 'verdicts on strange records', '2 min'),
+    'strangers': Campaign(
+        'bench.identify.identify_strangers', 'verdicts on strange records', '2 min'
+    ),
     'peers': Campaign(
-        'bench.identify_peers',
+        'bench.identify.identify_peers',
         "identification beside others; pip install 'mujoco[sysid]' figaroh",
         'minutes',
     ),
-    'folder': Campaign('bench.identify_folder', 'throughput of identified folders', 'minutes'),
+    'folder': Campaign(
+        'bench.identify.identify_folder', 'throughput of identified folders', 'minutes'
+    ),
     'counts': Campaign('bench.counts', 'lines, lengths, arguments, import circles', '10 s'),
     'soak': Campaign('trust.run', 'motion and torque under all faults', '10 min'),
-    'inputs': Campaign('trust.input_faults', 'outputs under random faults of inputs', 'minutes'),
+    'inputs': Campaign(
+        'trust.inputs.input_faults', 'outputs under random faults of inputs', 'minutes'
+    ),
     'siege': Campaign(
-        'trust.siege',
+        'trust.sieges.siege',
         'laws under random messages, requests and signals',
         '1 h',
         '--minutes 60 --json runs/siege.json',
     ),
-    'ends': Campaign('trust.ends_campaign', '500 ends of each node by signals', '2 h'),
-    'session-ends': Campaign('trust.session_ends', '100 interrupted sessions', 'minutes'),
+    'ends': Campaign('trust.endings.ends_campaign', '500 ends of each node by signals', '2 h'),
+    'session-ends': Campaign('trust.endings.session_ends', '100 interrupted sessions', 'minutes'),
     'session-failures': Campaign(
-        'trust.session_failures', 'sessions whose nodes are killed', 'minutes'
+        'trust.endings.session_failures', 'sessions whose nodes are killed', 'minutes'
     ),
-    'gauges': Campaign('trust.gauge_relay', 'deflection with faulty gauges over DDS', 'minutes'),
-    'pauses': Campaign('trust.paused_feedback', 'feedback while processes are stopped', 'minutes'),
+    'gauges': Campaign(
+        'trust.inputs.gauge_relay', 'deflection with faulty gauges over DDS', 'minutes'
+    ),
+    'pauses': Campaign(
+        'trust.endings.paused_feedback', 'feedback while processes are stopped', 'minutes'
+    ),
     'parts': Campaign('trust.removed_parts', 'the package without each optional part', '1 h'),
     'smoke': Campaign('trust.smoke', 'the wheel in an empty environment', '3 min'),
     'bounds': Campaign(

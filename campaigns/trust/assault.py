@@ -28,10 +28,10 @@ from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from trust.adversary import SEQUENCE, WORDS, interface, leaves
 from trust.attacks import Attack, Inventory, Step, adversary
-from trust.siege_gauges import DEAD, FEEDBACK
-from trust.siege_payload import MOVES, RESTS, SETTLED
-from trust.siege_scenes import FALLEN_SILENT, FEED
-from trust.siege_stage import ANSWER, SiegeStage
+from trust.sieges.siege_gauges import DEAD, FEEDBACK
+from trust.sieges.siege_payload import MOVES, RESTS, SETTLED
+from trust.sieges.siege_scenes import FALLEN_SILENT, FEED
+from trust.sieges.siege_stage import ANSWER, SiegeStage
 from trust.sockets import attack_page
 
 from denoc_ros.cli.warmup_verb import HEAVY, all_kernels

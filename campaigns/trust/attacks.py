@@ -13,7 +13,7 @@ import numpy as np
 from rcl_interfaces.msg import Parameter, ParameterValue
 from rcl_interfaces.srv import GetParameters, ListParameters
 from trust.adversary import Adversary, Special
-from trust.siege_gauges import FAULTS
+from trust.sieges.siege_gauges import FAULTS
 
 Attack = dict[str, Any]
 Step = list[Attack]

@@ -16,8 +16,8 @@ from rcl_interfaces.srv import GetParameters, SetParameters
 from std_srvs.srv import SetBool, Trigger
 from trust.assault import Assault
 from trust.attacks import Step
-from trust.siege_gauges import FEEDBACK
-from trust.siege_stage import FRESH, OUTPUTS, PATIENCE, RECOVERY, SiegeStage
+from trust.sieges.siege_gauges import FEEDBACK
+from trust.sieges.siege_stage import FRESH, OUTPUTS, PATIENCE, RECOVERY, SiegeStage
 from trust.stage import StageError
 
 CONFIGURE, ACTIVATE = 1, 3

@@ -17,7 +17,7 @@ from functools import partial
 from pathlib import Path
 
 from trust.disks import full_disk, killed_recorder, short_disk, slow_disk
-from trust.ends import killed, told_to_end, unwritable_cache
+from trust.endings.ends import killed, told_to_end, unwritable_cache
 from trust.faults import FAULTS, run_fault
 from trust.outcome import Outcome, markdown, record
 from trust.stage import Stage, staged

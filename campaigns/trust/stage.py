@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 import rclpy
-from bench.rates_blocks import domain
+from bench.loops.rates_blocks import domain
 from diagnostic_msgs.msg import DiagnosticArray
 from node_robots import GRAVITY, JOINTS, two_links
 from numpy.typing import NDArray

@@ -15,7 +15,7 @@ from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from trust.laws import OPEN, PERIODS, TIMER, Life, Span, Spans, TorqueLedger, unexplained
-from trust.siege_scenes import Scene
+from trust.sieges.siege_scenes import Scene
 
 DEEP = QoSProfile(depth=5000, reliability=ReliabilityPolicy.RELIABLE)
 NEAR = 1e-6  # rad, m from the goal

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from bench.identify_strangers import judged, judged_file
+from bench.identify.identify_strangers import judged, judged_file
 from strange_files import PHYSICS, SHAPES
 from strange_records import CLEAN, STRANGE, Ring
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import truth_runs
-from bench.identify_truth import kind_of, totals
+from bench.identify.identify_truth import kind_of, totals
 from truth_robots import OFF, truth_case
 from truth_runs import RELATIVE, TruthRun, truth_run
 from truth_scores import (

@@ -1,4 +1,4 @@
-"""Nodes under random faults of their inputs, in process: see `trust.input_faults`."""
+"""Nodes under random faults of their inputs, in process: see `trust.inputs.input_faults`."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from command_faults import CommandedNode
 from fault_draws import KINDS, Draw, Violation, drawn, good_streams, in_order
 from predictor_faults import END, SOURCES, TRUTHS, PredictorFaults, truth
 from rclpy.signals import SignalHandlerOptions
-from trust.input_faults import NODES, campaign, main, under_faults
+from trust.inputs.input_faults import NODES, campaign, main, under_faults
 
 pytestmark = pytest.mark.ros
 
@@ -70,7 +70,7 @@ def test_a_broken_law_is_written_with_the_seed_that_repeats_it(
 
     monkeypatch.setitem(NODES, 'plant', Broken)
     monkeypatch.setattr(
-        'trust.input_faults.rclpy', SimpleNamespace(init=_ignore, shutdown=_ignore)
+        'trust.inputs.input_faults.rclpy', SimpleNamespace(init=_ignore, shutdown=_ignore)
     )
     assert main(['--count', '4', '--node', 'plant']) == 1
     told = capsys.readouterr().out

@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 import rclpy
-from bench.rates_blocks import domain
+from bench.loops.rates_blocks import domain
 from node_robots import two_links
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import String

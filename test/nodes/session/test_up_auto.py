@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from bench.rates_blocks import domain
+from bench.loops.rates_blocks import domain
 
 from denoc_ros.bags.reader import header_stamp_ns, read_bag
 from denoc_ros.types import Array

@@ -10,9 +10,9 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from bench.rates_blocks import domain
+from bench.loops.rates_blocks import domain
 from node_robots import two_links
-from trust.session_failures import spoil
+from trust.endings.session_failures import spoil
 
 pytestmark = pytest.mark.ros
 

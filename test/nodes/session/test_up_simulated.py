@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from bench.rates_blocks import domain
+from bench.loops.rates_blocks import domain
 from node_robots import two_links
 
 from denoc_ros.bags.reader import read_raw
