@@ -36,7 +36,7 @@ from denoc_ros.simulation.recorded.replay_settings import ReplaySettings
 from denoc_ros.simulation.recorded.replay_summary import error_rows, lines, summarize
 from denoc_ros.simulation.recorded.run_files import EARTH, find_bag, read_session, recording_name
 
-TABLES = 'identification.tables.joint_table'
+TABLES, TABLE_FILES = 'identification.tables.joint_table', 'identification.tables.tables'
 TRACKING = 'identification.verbs.replay_options'
 DESCRIPTION = (
     'Read the joint states of a bag (MCAP or db3) or of a table, and compute the torque of the '
@@ -134,8 +134,8 @@ def run(args: argparse.Namespace) -> VerbResult:
 @contextmanager
 def _as_bag(args: argparse.Namespace, path: Path, robot: Robot) -> Iterator[Path]:
     """Yield the bag to be read: the one that was given, or one made of a table for now."""
-    tables = optional(TABLES)
-    if tables is None or not tables.is_table(path):
+    tables, files = optional(TABLES), optional(TABLE_FILES)
+    if tables is None or files is None or not files.is_table(path):
         if tables is not None and args.column:
             raise BagError(f'{path}: --column must come with a table, got a bag')
         yield path

@@ -65,7 +65,7 @@ def test_an_interrupt_in_code_from_a_string_is_one_like_any(tmp_path: Path, verb
     (tmp_path / 'interrupted.py').write_text(
         'import importlib, signal, sys\n'
         'from denoc_ros.cli import main as frame\n'
-        f'verb = importlib.import_module("denoc_ros.cli.{verb}")\n'
+        f'verb = importlib.import_module("denoc_ros.cli.{verb}_verb")\n'
         'verb.__dict__["_configured" if hasattr(verb, "_configured") else "run"] = (\n'
         '    lambda args: eval("signal.raise_signal(signal.SIGINT)"))\n'
         'sys.exit(frame.main())\n'
