@@ -1,10 +1,10 @@
 """A bare node: passes messages as one of ours does, at the same rate, and does nothing else.
 
 `python -m bench.loops.bare_node JOURNAL SPEC.json`: SPEC gives `publish` (topic, type, depth,
-stamped, raw: hexadecimal bytes), `listen` (topic, type), `rate` [Hz], `priority`, numbers that may be set
-(`parameters`), and for a recorder `bag`.
-Raw subscriptions, EventsExecutor, prebuilt bytes, a loop thread on absolute deadlines, no garbage
-collection; the recorder's MCAP writer in a thread. JOURNAL.ready appears when all are connected.
+stamped, raw: hexadecimal bytes), `listen` (topic, type), `rate` [Hz], `priority`, numbers that may
+be set (`parameters`), and for a recorder `bag`. Raw subscriptions, EventsExecutor, prebuilt bytes,
+a loop thread on absolute deadlines, no garbage collection; the recorder's MCAP writer in a thread.
+JOURNAL.ready appears when all are connected.
 """
 
 from __future__ import annotations

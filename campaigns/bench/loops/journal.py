@@ -1,7 +1,8 @@
 """What a node's process did, for the rates campaign: messages that left, ticks of its loop.
 
 `python -m bench.loops.journal FILE MODULE …` runs a node module as `python -m MODULE …` would and,
-when it has ended, writes FILE. Every message is known by when it left and by the checksum of its bytes.
+when it has ended, writes FILE. Every message is known by when it left and by the checksum of its
+bytes.
 """
 
 from __future__ import annotations

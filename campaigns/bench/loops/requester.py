@@ -1,10 +1,10 @@
 """Asks a node without pause: sets its parameters, and calls its services at random.
 
 `python -m bench.loops.requester FILE NODE RATE PARAMETER:LOW:HIGH …`: RATE sets of one of the
-parameters a second, to a random number between, and as many calls of services drawn at random: rclpy's of
-parameters and of the lifecycle, and Trigger. It listens to `/NODE/commands`. SIGUSR1 begins,
-SIGUSR2 pauses, SIGINT ends and writes FILE: how many were sent, answered, refused, and the worst
-time to an answer [s].
+parameters a second, to a random number between, and as many calls of services drawn at random:
+rclpy's of parameters and of the lifecycle, and Trigger. It listens to `/NODE/commands`. SIGUSR1
+begins, SIGUSR2 pauses, SIGINT ends and writes FILE: how many were sent, answered, refused, and the
+worst time to an answer [s].
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """The siege: whatever can be sent to the nodes, drawn at random, and the laws that hold.
 
 `python -m campaigns siege --minutes 60`. A round is a fresh stage with one of the robots of
-`trust.sieges.siege_scenes`; the seed of each is printed, and gives the same steps again. Of what broke
-a law, the steps are written to a file and shrunk to the few that still break it.
+`trust.sieges.siege_scenes`; the seed of each is printed, and gives the same steps again. Of what
+broke a law, the steps are written to a file and shrunk to the few that still break it.
 """
 
 from __future__ import annotations
