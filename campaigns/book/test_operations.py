@@ -36,7 +36,7 @@ def test_counts_of_vector_products_are_those_of_a_hand(
 ) -> None:
     u, v = kernels.counted(VECTOR), kernels.counted(VECTOR[::-1].copy())
     before = Operations(*kernels.tally.parts)
-    result = kernels.function('vector', name)(tuple(u), tuple(v))
+    result = kernels.function('algebra.vector', name)(tuple(u), tuple(v))
     np.testing.assert_array_equal(np.array(result, dtype=np.float64), expected)
     parts = np.subtract(kernels.tally.parts, before.parts)
     assert parts.tolist() == [multiplications, additions, 0, 0, 0]

@@ -260,13 +260,16 @@ def test_loops_are_vectorized_but_where_they_are_short() -> None:
     ('called', 'names'),
     [
         (inverse.inverse_dynamics, []),
-        (articulated.forward_dynamics, ['articulated.find_acceleration']),
-        (driven_step.advance_driven, ['articulated.find_articulated']),
-        (driven_step.driven_torque, ['articulated.find_articulated']),
-        (closing.advance_tied, ['constrained.find_constrained']),
+        (articulated.forward_dynamics, ['dynamics.articulated.find_acceleration']),
+        (driven_step.advance_driven, ['dynamics.articulated.find_articulated']),
+        (driven_step.driven_torque, ['dynamics.articulated.find_articulated']),
+        (closing.advance_tied, ['constraints.constrained.find_constrained']),
         (
             forward_derivatives.forward_dynamics_derivatives,
-            ['articulated.find_articulated', 'inverse_derivatives.find_derivatives'],
+            [
+                'dynamics.articulated.find_articulated',
+                'derivatives.inverse_derivatives.find_derivatives',
+            ],
         ),
     ],
     ids=lambda each: getattr(each, '__name__', ''),

@@ -77,7 +77,7 @@ def test_every_attribute_of_the_block_is_in_the_reference(element: str) -> None:
 def names_taken() -> set[str]:
     """Return the attributes and elements that the readers of the block let pass."""
     found = set()
-    for name in ('flexibility', 'beam_sections', 'sensors'):
+    for name in ('reading/flexibility', 'beams/beam_sections', 'sensors'):
         source = (ROOT / 'denoc_ros' / 'model' / f'{name}.py').read_text(encoding='utf-8')
         for call in ast.walk(ast.parse(source)):
             if isinstance(call, ast.Call) and getattr(call.func, 'attr', '') == 'only':

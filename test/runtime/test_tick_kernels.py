@@ -98,9 +98,9 @@ def test_a_message_of_known_layout_is_taken_or_refused_as_step_by_step(
 @pytest.mark.parametrize(
     ('module', 'kernel', 'taker'),
     [
-        ('message_values', 'take_numbers', "conversions.JointStateReader(['a'])"),
-        ('message_values', 'take_numbers', "conversions.CommandReader(['a'])"),
-        ('spline', 'sample_quintics', 'reference.ReferenceFollower(1, 0.1)'),
+        ('runtime.message_values', 'take_numbers', "conversions.JointStateReader(['a'])"),
+        ('runtime.message_values', 'take_numbers', "conversions.CommandReader(['a'])"),
+        ('algebra.spline', 'sample_quintics', 'reference.ReferenceFollower(1, 0.1)'),
     ],
 )
 def test_what_a_first_message_needs_is_loaded_before_it(
@@ -109,7 +109,7 @@ def test_what_a_first_message_needs_is_loaded_before_it(
     source = f"""
 from denoc_ros.kernels.{module} import {kernel}
 from denoc_ros.runtime.inputs import conversions
-from denoc_ros.runtime.reference.reference import reference
+from denoc_ros.runtime.reference import reference
 assert not {kernel}.overloads
 {taker}
 assert {kernel}.overloads

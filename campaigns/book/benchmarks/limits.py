@@ -163,14 +163,14 @@ def count_verbs(robot: Robot, state: State) -> Iterator[Count]:
     n = robot.n
     kernels = CountingKernels(robot)
     tau = robot.inverse_dynamics(q, qd, qdd)
-    inverse, torque = kernels.count('inverse', 'find_torque', q, qd, qdd, np.zeros(n))
+    inverse, torque = kernels.count('dynamics.inverse', 'find_torque', q, qd, qdd, np.zeros(n))
     yield _count(INVERSE, inverse, kernels.shares, _check(torque, tau))
-    forward, found = kernels.count('articulated', 'find_acceleration', q, qd, tau, np.zeros(n))
+    forward, found = kernels.count('dynamics.articulated', 'find_acceleration', q, qd, tau, np.zeros(n))
     check = _check(found, robot.forward_dynamics(q, qd, tau))
     yield _count(FORWARD, forward, kernels.shares, check)
     inertia, matrix = kernels.count('composite', 'find_inertia', q, np.zeros((n, n)))
     shares = Counter(kernels.shares)
-    bias, _ = kernels.count('inverse', 'find_torque', q, qd, np.zeros(n), np.zeros(n))
+    bias, _ = kernels.count('dynamics.inverse', 'find_torque', q, qd, np.zeros(n), np.zeros(n))
     check = _check(matrix, robot.inertia_matrix(q))
     yield _count(INERTIA_AND_BIAS, inertia + bias, shares + Counter(kernels.shares), check)
 

@@ -292,7 +292,7 @@ def test_options_of_actions_are_the_arguments_of_their_computations() -> None:
     for name, row in ACTIONS.items():
         action = action_of(name)
         assert action.name == name
-        declared = getattr(importlib.import_module(f'denoc_ros.{row.module}'), 'DECLARED', ())
+        declared = getattr(importlib.import_module(f'denoc_ros.identification.{row.module}'), 'DECLARED', ())
         assert {one.name for one in declared} <= ACTIONS.keys()
         parser = argparse.ArgumentParser()
         action.add_options(parser)
@@ -337,7 +337,7 @@ def test_an_action_is_its_computation_and_a_row(
     module = ModuleType('denoc_ros.identification.level')
     module.identify_level = identify_level  # type: ignore[attr-defined]
     monkeypatch.setitem(sys.modules, module.__name__, module)
-    monkeypatch.setitem(ACTIONS, 'level', ActionRow('count samples', 'identification.level'))
+    monkeypatch.setitem(ACTIONS, 'level', ActionRow('count samples', 'level'))
     asked = ['identify', 'level', decay, '--above', '0.5']
     assert main([*asked, '-o', str(tmp_path)]) == 2
     above = yaml.safe_load((tmp_path / 'result.yaml').read_text())['samples_above']
