@@ -10,7 +10,12 @@ from setuptools.command.sdist import sdist
 
 HERE = Path(__file__).parent
 NAME = 'denoc_ros'
-NODES = ('feedforward', 'predictor', 'recorder', 'plant', 'viewer', 'shaper')
+# modules of the nodes, as denoc_ros/parts.py has them: the package cannot be imported here
+NODES = {
+    **{node: f'nodes.{node}' for node in ('feedforward', 'predictor', 'recorder', 'plant')},
+    'viewer': 'viewer.viewer',
+    'shaper': 'planning.shaper',
+}
 
 
 def package_version() -> str:
@@ -196,7 +201,7 @@ setup(
     entry_points={
         'console_scripts': [
             'denoc = denoc_ros.cli.main:main',
-            *(f'denoc-{node} = denoc_ros.nodes.{node}:main' for node in NODES),
+            *(f'denoc-{node} = denoc_ros.{module}:main' for node, module in NODES.items()),
         ],
     },
 )

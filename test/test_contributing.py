@@ -1,7 +1,11 @@
-"""CONTRIBUTING, SECURITY, CITATION and the issue templates agree with the repository."""
+"""CONTRIBUTING, SECURITY, CITATION and the issue templates agree with the repository.
+
+`python test/test_contributing.py` writes the index of the modules that tests share.
+"""
 
 from __future__ import annotations
 
+import ast
 import re
 import xml.etree.ElementTree as ElementTree
 from importlib.metadata import metadata
@@ -12,6 +16,7 @@ import yaml
 
 PAGES = ('CONTRIBUTING.md', 'SECURITY.md', 'CODE_OF_CONDUCT.md')
 TEMPLATES = ('fault.yml', 'robot.yml')
+SUPPORT = Path(__file__).resolve().parent / 'support'
 
 
 @pytest.mark.parametrize('name', PAGES)
@@ -39,6 +44,27 @@ def test_commands_exist(repository: Path) -> None:
     assert paths
     for path in paths:
         assert (repository / path.partition('NAME')[0]).exists(), path
+
+
+def support_index() -> str:
+    """Return the index of the modules that tests share: a line per module, its docstring's."""
+    lines = [
+        '# Modules that tests share',
+        '',
+        'A test imports these modules by their file names. `python test/test_contributing.py`',
+        'writes this page from the first lines of their docstrings.',
+    ]
+    for folder in sorted({path.parent for path in SUPPORT.rglob('*.py')}):
+        lines += ['', f'## {folder.name}', '', '| module | has |', '|---|---|']
+        for path in sorted(folder.glob('*.py')):
+            text = ast.get_docstring(ast.parse(path.read_text(encoding='utf-8'))) or ''
+            lines.append(f'| `{path.stem}` | {text.partition(chr(10))[0]} |')
+    return '\n'.join(lines) + '\n'
+
+
+def test_index_of_shared_test_modules_is_complete() -> None:
+    assert (SUPPORT / 'README.md').read_text(encoding='utf-8') == support_index()
+    assert '|  |' not in support_index()
 
 
 def test_citation_has_the_version_and_licence_of_the_package(repository: Path) -> None:
@@ -69,3 +95,7 @@ def test_workflows_run_the_versions_of_the_package(repository: Path) -> None:
     assert job['strategy']['matrix']['python'] == versions
     steps = yaml.safe_load((folder / 'build.yml').read_text())['jobs']['build']['steps']
     assert 'make docs' in [step.get('run') for step in steps]
+
+
+if __name__ == '__main__':
+    (SUPPORT / 'README.md').write_text(support_index(), encoding='utf-8')

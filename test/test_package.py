@@ -22,6 +22,7 @@ from packaging.utils import NormalizedName, canonicalize_name
 from trust.smoke import inside_script, lost_links, tried
 
 from denoc_ros.cli.session.session_config import NODES
+from denoc_ros.parts import node_main
 from denoc_ros.versions import source_commit
 
 # What is written, packed or listed is the whole package.
@@ -225,8 +226,10 @@ def test_changelog_has_the_version_or_announces_it(repository: Path) -> None:
 
 
 def test_every_node_is_a_console_script(prefix: Path) -> None:
-    scripts = {path.name for path in (prefix / 'bin').iterdir()}
-    assert scripts == {'denoc', *(f'denoc-{node}' for node in NODES)}
+    scripts = {path.name: path.read_text() for path in (prefix / 'bin').iterdir()}
+    assert scripts.keys() == {'denoc', *(f'denoc-{node}' for node in NODES)}
+    for node in NODES:
+        assert f'from {node_main(node)} import main\n' in scripts[f'denoc-{node}']
 
 
 def test_installed_package_finds_the_configurations_that_came_with_it(

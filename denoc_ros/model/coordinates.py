@@ -5,7 +5,7 @@ modes displace along y and z. The second turns as a beam's section does: by the 
 that its three modes make up, with the exact exponential and left Jacobian. So every recursion
 takes the six coordinates [position; rotation vector] as it takes a joint and amplitudes; nothing
 of it knows of a floating base. The rotation vector's rate is regular for angles below 2 pi;
-:func:`denoc_ros.dynamics.floating.wrap` brings it back within pi.
+:func:`denoc_ros.dynamics.base.floating_base.wrap_attitude` brings it back within pi.
 """
 
 from __future__ import annotations

@@ -17,7 +17,7 @@ from denoc_ros.pages.figures import scale_of, thin
 from denoc_ros.pages.html_page import engineering
 from denoc_ros.reports.run_page import report
 
-# what test/cli/conftest.py puts in, as rms of a sine
+# What test/support/runs/recorded_run_fixtures.py puts in, as rms of a sine.
 TRACKING = {'rigid': 0.02, 'flexible': 0.001}
 DEFLECTION, MISSED = 0.05, 0.1
 

@@ -96,8 +96,12 @@ def started_node() -> str:
     package, _, name = module.rpartition('.')
     if package == 'denoc_ros.nodes':
         return name if name in NODES else ''
-    name = Path(command).name.removeprefix('denoc-')
-    installed = Path(command).name != name or Path(command).parent.name == 'denoc_ros'
+    file = Path(command)
+    # The module of a node of a part is already found when it imports the nodes.
+    if file.suffix == '.py' and file.parents[1].name == 'denoc_ros':
+        return file.stem if file.stem in NODES else ''
+    name = file.name.removeprefix('denoc-')
+    installed = file.name != name or file.parent.name == 'denoc_ros'
     return name if installed and name in NODES else ''
 
 

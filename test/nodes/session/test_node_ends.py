@@ -15,6 +15,7 @@ from child_processes import child
 from sensor_msgs.msg import JointState
 
 from denoc_ros.bags.writer import BagWriter
+from denoc_ros.parts import node_main
 
 pytestmark = pytest.mark.ros
 
@@ -128,13 +129,24 @@ def test_a_publisher_that_cannot_be_made_is_one_clear_end(ros_domain: int, urdf:
     assert 'create' in done.stderr
 
 
-@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
-def test_signals_are_honoured_while_a_node_imports(ros_domain: int, number: int) -> None:
-    command = [sys.executable, '-m', 'denoc_ros.nodes.predictor']
+@pytest.mark.parametrize(
+    ('node', 'number'),
+    [
+        ('predictor', signal.SIGINT),
+        ('predictor', signal.SIGTERM),
+        ('predictor', signal.SIGHUP),
+        pytest.param('shaper', signal.SIGTERM, marks=pytest.mark.parts('planning')),
+        pytest.param('viewer', signal.SIGTERM, marks=pytest.mark.parts('viewer')),
+    ],
+)
+def test_signals_are_honoured_while_a_node_imports(
+    ros_domain: int, node: str, number: int
+) -> None:
+    command = [sys.executable, '-m', node_main(node)]
     with child(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
         assert process.stdout is not None
         assert process.stderr is not None
-        assert process.stdout.readline() == 'predictor: starting\n'
+        assert process.stdout.readline() == f'{node}: starting\n'
         process.send_signal(number)
         assert process.wait(60.0) == 0
         assert process.stderr.read() == ''

@@ -17,6 +17,7 @@ from viewer_client import ViewerClient
 
 from denoc_ros.bags.reader import bag_topics, read_attachment
 from denoc_ros.cli.main import main
+from denoc_ros.parts import node_main, nodes
 
 pytestmark = pytest.mark.ros
 
@@ -49,14 +50,14 @@ def finish(process: subprocess.Popen[str]) -> tuple[int, str, str]:
 
 def nodes_below(folder: Path) -> list[int]:
     """Return the processes that were started for a run's directory."""
-    found = []
+    found, modules = [], [node_main(node) for node in nodes()]
     for entry in Path('/proc').iterdir():
         if entry.name.isdigit():
             try:
                 command = (entry / 'cmdline').read_bytes().decode()
             except OSError:
                 continue
-            if str(folder) in command and 'denoc_ros.nodes' in command:
+            if str(folder) in command and any(each in command for each in modules):
                 found.append(int(entry.name))
     return found
 

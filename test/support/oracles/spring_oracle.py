@@ -1,8 +1,8 @@
 """Elastic joints on top of the dense oracle: a chain seen from its links, and a motor per joint.
 
 Nothing is taken from the model's own springs: a description is split into the robot without
-springs (test/oracles.py) and the numbers of its springs, and the equations of both, in x = q + s
-and q, are written out densely.
+springs (test/support/oracles/oracles.py) and the numbers of its springs, and the equations of
+both, in x = q + s and q, are written out densely.
 """
 
 from __future__ import annotations
