@@ -168,7 +168,7 @@ def count_verbs(robot: Robot, state: State) -> Iterator[Count]:
     forward, found = kernels.count('dynamics.articulated', 'find_acceleration', q, qd, tau, np.zeros(n))
     check = _check(found, robot.forward_dynamics(q, qd, tau))
     yield _count(FORWARD, forward, kernels.shares, check)
-    inertia, matrix = kernels.count('composite', 'find_inertia', q, np.zeros((n, n)))
+    inertia, matrix = kernels.count('dynamics.composite', 'find_inertia', q, np.zeros((n, n)))
     shares = Counter(kernels.shares)
     bias, _ = kernels.count('dynamics.inverse', 'find_torque', q, qd, np.zeros(n), np.zeros(n))
     check = _check(matrix, robot.inertia_matrix(q))
