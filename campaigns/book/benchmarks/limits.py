@@ -165,7 +165,9 @@ def count_verbs(robot: Robot, state: State) -> Iterator[Count]:
     tau = robot.inverse_dynamics(q, qd, qdd)
     inverse, torque = kernels.count('dynamics.inverse', 'find_torque', q, qd, qdd, np.zeros(n))
     yield _count(INVERSE, inverse, kernels.shares, _check(torque, tau))
-    forward, found = kernels.count('dynamics.articulated', 'find_acceleration', q, qd, tau, np.zeros(n))
+    forward, found = kernels.count(
+        'dynamics.articulated', 'find_acceleration', q, qd, tau, np.zeros(n)
+    )
     check = _check(found, robot.forward_dynamics(q, qd, tau))
     yield _count(FORWARD, forward, kernels.shares, check)
     inertia, matrix = kernels.count('dynamics.composite', 'find_inertia', q, np.zeros((n, n)))

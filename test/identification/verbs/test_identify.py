@@ -292,7 +292,9 @@ def test_options_of_actions_are_the_arguments_of_their_computations() -> None:
     for name, row in ACTIONS.items():
         action = action_of(name)
         assert action.name == name
-        declared = getattr(importlib.import_module(f'denoc_ros.identification.{row.module}'), 'DECLARED', ())
+        declared = getattr(
+            importlib.import_module(f'denoc_ros.identification.{row.module}'), 'DECLARED', ()
+        )
         assert {one.name for one in declared} <= ACTIONS.keys()
         parser = argparse.ArgumentParser()
         action.add_options(parser)
