@@ -27,7 +27,7 @@ from denoc_ros.model.numbers import FAMILIES
 from denoc_ros.runtime.loop.status import ERROR, WARN, Status
 from denoc_ros.runtime.parameters.parameter_table import Settings
 from denoc_ros.runtime.reference.reference import ReferenceFollower
-from denoc_ros.runtime.safety.torque import STALE_JOINTS
+from denoc_ros.runtime.safety.stale_inputs import STALE_JOINTS
 from denoc_ros.types import Array
 
 INTERVALS = 25  # between joint states, of which the shortest counts: others may have been lost

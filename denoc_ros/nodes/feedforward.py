@@ -32,10 +32,9 @@ from denoc_ros.runtime.parameters.feedforward_parameters import TABLE
 from denoc_ros.runtime.parameters.parameter_table import Settings
 from denoc_ros.runtime.reference.reference import FiniteDifferencer, reference_follower
 from denoc_ros.runtime.safety.motion_bounds import limits_of, motion_bounds
+from denoc_ros.runtime.safety.stale_inputs import STALE_JOINTS, FollowingConditions
 from denoc_ros.runtime.safety.torque import (
-    STALE_JOINTS,
     CarryingTorque,
-    FollowingConditions,
     LiveTorque,
     SafeCommand,
     TorqueLimiter,

@@ -33,9 +33,9 @@ from denoc_ros.nodes.base.robot_node import RobotNode
 from denoc_ros.nodes.base.simulated_time import TimeSource
 from denoc_ros.nodes.sensor_outputs import InertialOutputs, SensorOutputs
 from denoc_ros.parts import required
-from denoc_ros.runtime.inputs.conversions import CommandReader
 from denoc_ros.runtime.inputs.input_monitor import InputError
 from denoc_ros.runtime.inputs.message_numbers import MessageFiller
+from denoc_ros.runtime.inputs.message_readers import CommandReader
 from denoc_ros.runtime.inputs.trajectory_messages import has_many_points, read_trajectory
 from denoc_ros.runtime.loop.clocks import Clock as RobotClock
 from denoc_ros.runtime.loop.clocks import StampOf

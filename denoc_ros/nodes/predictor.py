@@ -31,10 +31,10 @@ from denoc_ros.nodes.base.robot_node import RobotNode
 from denoc_ros.nodes.markers import CentreLines, LineMarkers
 from denoc_ros.nodes.sensor_inputs import SEARCH_PERIOD, BaseInput, SensorInputs
 from denoc_ros.runtime.adaptation import Adaptation, TrackedNumbers, adaptation
-from denoc_ros.runtime.inputs.conversions import JointStateReader
 from denoc_ros.runtime.inputs.effort_check import EffortGuard, effort_guard
 from denoc_ros.runtime.inputs.joint_input import JointInput
 from denoc_ros.runtime.inputs.message_numbers import MessageFiller, Numbers
+from denoc_ros.runtime.inputs.message_readers import JointStateReader
 from denoc_ros.runtime.inputs.trajectory_messages import has_many_points, read_trajectory
 from denoc_ros.runtime.live_observer import (
     accepted_values,

@@ -20,7 +20,8 @@ from denoc_ros.model.sensors import message_place
 from denoc_ros.model.tree import InertialSensor, Sensor, Tree
 from denoc_ros.nodes.base.messages import message_class
 from denoc_ros.nodes.base.robot_node import RobotNode
-from denoc_ros.runtime.inputs.conversions import (
+from denoc_ros.runtime.inputs.input_monitor import InputError, InputMonitor
+from denoc_ros.runtime.inputs.message_readers import (
     BaseLimits,
     MessageReader,
     imu_mounting,
@@ -28,7 +29,6 @@ from denoc_ros.runtime.inputs.conversions import (
     read_imu,
     read_odometry,
 )
-from denoc_ros.runtime.inputs.input_monitor import InputError, InputMonitor
 from denoc_ros.runtime.parameters.shared_parameters import BASE_LIMITS
 from denoc_ros.types import Array
 

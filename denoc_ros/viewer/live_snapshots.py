@@ -14,8 +14,8 @@ from denoc_ros.dynamics.driven.measured_side import described_coordinates
 from denoc_ros.dynamics.elastic.deflection import TipDeflections
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import SolverError, StateError
-from denoc_ros.runtime.inputs.conversions import JointStateReader, joint_names
 from denoc_ros.runtime.inputs.input_monitor import InputError
+from denoc_ros.runtime.inputs.message_readers import JointStateReader, joint_names
 from denoc_ros.simulation.recorded.snapshot import (
     Snapshot,
     deflection_channel,

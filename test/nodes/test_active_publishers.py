@@ -17,8 +17,8 @@ from std_msgs.msg import Float64
 from denoc_ros.nodes.base.denoc_node import DenocNode
 from denoc_ros.nodes.base.robot_node import RobotNode
 from denoc_ros.nodes.recorder import Recorder
-from denoc_ros.runtime.inputs.conversions import JointStateReader
 from denoc_ros.runtime.inputs.input_monitor import LOST, SILENCE, ActivePublishers, Gaps
+from denoc_ros.runtime.inputs.message_readers import JointStateReader
 from denoc_ros.runtime.parameters.parameter_table import ParameterTable
 from denoc_ros.runtime.parameters.shared_parameters import (
     AUTOSTART,

@@ -14,8 +14,8 @@ from std_srvs.srv import Trigger
 
 from denoc_ros.errors import ConfigError
 from denoc_ros.nodes.base.denoc_node import DenocNode
-from denoc_ros.runtime.inputs.conversions import JointStateReader
 from denoc_ros.runtime.inputs.input_monitor import InputError
+from denoc_ros.runtime.inputs.message_readers import JointStateReader
 from denoc_ros.runtime.parameters.parameter_table import ParameterTable
 from denoc_ros.runtime.parameters.shared_parameters import AUTOSTART
 from denoc_ros.settings import Kind, Parameter

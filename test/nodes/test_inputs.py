@@ -11,7 +11,7 @@ from sensor_msgs.msg import JointState
 
 from denoc_ros.nodes.base.inputs import HELD, arrivals
 from denoc_ros.nodes.base.robot_node import WITHIN_A_TICK, RobotNode
-from denoc_ros.runtime.inputs.conversions import LONGEST, JointStateReader
+from denoc_ros.runtime.inputs.message_readers import LONGEST, JointStateReader
 from denoc_ros.runtime.parameters.parameter_table import ParameterTable
 from denoc_ros.runtime.parameters.shared_parameters import (
     AUTOSTART,

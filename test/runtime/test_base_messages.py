@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from denoc_ros.errors import ConfigError
-from denoc_ros.runtime.inputs.conversions import (
+from denoc_ros.runtime.inputs.input_monitor import InputError
+from denoc_ros.runtime.inputs.message_readers import (
     BaseLimits,
     imu_mounting,
     read_accel,
     read_imu,
     read_odometry,
 )
-from denoc_ros.runtime.inputs.input_monitor import InputError
 
 HEADER = bytes([0, 1, 0, 0]) + bytes(8) + bytes([1, 0, 0, 0, 0])
 

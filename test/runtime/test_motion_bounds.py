@@ -15,8 +15,8 @@ from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from denoc_ros.model.tree import Limits
-from denoc_ros.runtime.inputs.conversions import CommandReader, JointStateReader
 from denoc_ros.runtime.inputs.input_monitor import InputError
+from denoc_ros.runtime.inputs.message_readers import CommandReader, JointStateReader
 from denoc_ros.runtime.inputs.trajectory_messages import has_many_points, read_trajectory
 from denoc_ros.runtime.reference.reference import FiniteDifferencer
 from denoc_ros.runtime.safety.motion_bounds import MotionBounds

@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from denoc_ros.errors import SolverError
-from denoc_ros.runtime.inputs.conversions import LARGEST_EFFORT
 from denoc_ros.runtime.inputs.input_monitor import InputError, InputMonitor
+from denoc_ros.runtime.inputs.message_readers import LARGEST_EFFORT
 from denoc_ros.runtime.loop.rate_limiter import Backoff
 from denoc_ros.runtime.safety.torque import (
     CarryingTorque,

@@ -21,9 +21,9 @@ from denoc_ros.estimation.joint_tracker import TrackingFilter
 from denoc_ros.kernels.runtime.joint_tracking import MEMORY
 from denoc_ros.kernels.runtime.torque_limits import saturate
 from denoc_ros.model.tree import Limits
-from denoc_ros.runtime.inputs.conversions import LARGEST_EFFORT, JointStateReader
 from denoc_ros.runtime.inputs.input_monitor import InputError
 from denoc_ros.runtime.inputs.message_numbers import MessageFiller
+from denoc_ros.runtime.inputs.message_readers import LARGEST_EFFORT, JointStateReader
 from denoc_ros.runtime.safety.motion_bounds import MotionBounds
 from denoc_ros.runtime.safety.torque import TorqueLimiter
 from denoc_ros.trajectories import SplineTrajectory
@@ -98,8 +98,8 @@ def test_a_message_of_known_layout_is_taken_or_refused_as_step_by_step(
 @pytest.mark.parametrize(
     ('module', 'kernel', 'taker'),
     [
-        ('runtime.message_values', 'take_numbers', "conversions.JointStateReader(['a'])"),
-        ('runtime.message_values', 'take_numbers', "conversions.CommandReader(['a'])"),
+        ('runtime.message_values', 'take_numbers', "message_readers.JointStateReader(['a'])"),
+        ('runtime.message_values', 'take_numbers', "message_readers.CommandReader(['a'])"),
         ('algebra.spline', 'sample_quintics', 'reference.ReferenceFollower(1, 0.1)'),
     ],
 )
@@ -108,7 +108,7 @@ def test_what_a_first_message_needs_is_loaded_before_it(
 ) -> None:
     source = f"""
 from denoc_ros.kernels.{module} import {kernel}
-from denoc_ros.runtime.inputs import conversions
+from denoc_ros.runtime.inputs import message_readers
 from denoc_ros.runtime.reference import reference
 assert not {kernel}.overloads
 {taker}

@@ -42,7 +42,7 @@ from denoc_ros.dynamics.robot import load_robot
 from denoc_ros.dynamics.state_rows import cores
 from denoc_ros.parts import node_main
 from denoc_ros.python_start import module_words
-from denoc_ros.runtime.safety.torque import NO_JOINTS, STALE_JOINTS
+from denoc_ros.runtime.safety.stale_inputs import NO_JOINTS, STALE_JOINTS
 from denoc_ros.trajectories import Trajectory
 
 if TYPE_CHECKING:  # an optional extra

@@ -22,8 +22,8 @@ from denoc_ros.nodes.base.guarded_node import Guard
 from denoc_ros.nodes.base.inputs import Handler, Input, never_heavy
 from denoc_ros.nodes.base.messages import LATCHED
 from denoc_ros.nodes.base.simulated_time import TickProgress
-from denoc_ros.runtime.inputs.conversions import LONGEST
 from denoc_ros.runtime.inputs.input_monitor import InputError, InputMonitor
+from denoc_ros.runtime.inputs.message_readers import LONGEST
 from denoc_ros.runtime.inputs.trajectory_messages import TrajectoryMessage
 from denoc_ros.runtime.live_model import LiveModel, check_description
 from denoc_ros.runtime.loop.realtime import lock_memory

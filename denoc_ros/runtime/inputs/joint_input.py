@@ -6,9 +6,9 @@ from collections.abc import Callable, Sequence
 from functools import partial
 
 from denoc_ros.dynamics.robot import Robot
-from denoc_ros.runtime.inputs.conversions import JointStateReader
 from denoc_ros.runtime.inputs.input_monitor import InputError, InputMonitor
 from denoc_ros.runtime.inputs.joint_gate import JointSample, joint_gate
+from denoc_ros.runtime.inputs.message_readers import JointStateReader
 from denoc_ros.runtime.inputs.velocity_check import VelocityCheck
 from denoc_ros.runtime.loop.status import WARN, Status
 from denoc_ros.runtime.safety.motion_bounds import MotionBounds

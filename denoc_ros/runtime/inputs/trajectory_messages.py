@@ -15,8 +15,13 @@ from numpy.typing import NDArray
 
 from denoc_ros.bags.cdr import ENCAPSULATION
 from denoc_ros.estimation.turns import unwrap_path
-from denoc_ros.runtime.inputs.conversions import LONGEST, MessageReader, joint_map, require_finite
 from denoc_ros.runtime.inputs.input_monitor import InputError
+from denoc_ros.runtime.inputs.message_readers import (
+    LONGEST,
+    MessageReader,
+    joint_map,
+    require_finite,
+)
 from denoc_ros.runtime.safety.motion_bounds import MotionBounds
 from denoc_ros.trajectories import SplineTrajectory
 from denoc_ros.types import Array

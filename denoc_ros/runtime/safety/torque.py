@@ -14,7 +14,7 @@ from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import SolverError, StateError
 from denoc_ros.kernels.jit.compiled import ready
 from denoc_ros.kernels.runtime.torque_limits import limit_torque
-from denoc_ros.runtime.inputs.conversions import LARGEST_EFFORT, is_torque
+from denoc_ros.runtime.inputs.message_readers import LARGEST_EFFORT, is_torque
 from denoc_ros.runtime.loop.rate_limiter import Backoff
 from denoc_ros.runtime.loop.status import ERROR, WARN, Status
 from denoc_ros.runtime.parameters.parameter_table import Settings
@@ -22,7 +22,6 @@ from denoc_ros.runtime.safety.restarts import Restarts
 from denoc_ros.types import Array
 
 STALE_ACTIONS = ('hold', 'ramp_to_gravity', 'zero', 'stop_publishing')
-NO_JOINTS, STALE_JOINTS = 'no joint_states yet', 'stale joint_states'
 POSTURE_SHARE = 0.1  # of a processor that postures without a torque may cost
 LONGEST_WAIT = 0.25  # s until such a posture, or a model that fails, is tried again
 SUBSTEPS = 20  # of the model in one tick after a pause
@@ -195,70 +194,6 @@ def effort_limits(
     if not enforce:
         return np.full(len(joints), np.inf)
     return np.array(given or of_model, dtype=np.float64)
-
-
-class FollowingConditions:
-    """Says why a reference may not be followed.
-
-    Parameters
-    ----------
-    from_joints : bool
-        Whether the reference is the measured motion itself.
-
-    Attributes
-    ----------
-    enabled, stopped : bool
-        What was asked for by services.
-    reference_timeout, lead : float
-        s, as the parameters say.
-    """
-
-    def __init__(self, settings: Settings, from_joints: bool) -> None:
-        self.enabled = settings.flag('enabled')
-        self.stopped = False
-        self._from_joints = from_joints
-        self.update(settings)
-
-    def update(self, settings: Settings) -> None:
-        """Store the settings that the loop reads each tick."""
-        self.reference_timeout = settings.number('reference_timeout')
-        self.lead = settings.number('lead_time')
-        self._joint_timeout = settings.number('joint_state_timeout')
-        self._needs_joints = settings.flag('require_joint_states') or self._from_joints
-
-    def enable(self, enabled: bool) -> None:
-        """Let the reference be followed or not; enabling ends a stop."""
-        self.enabled = enabled
-        self.stopped = self.stopped and not enabled
-
-    def trouble(
-        self, joint_age: float, has_posture: bool, given: bool, reference_age: float
-    ) -> str:
-        """Return why the reference may not be followed, '' if it may.
-
-        Parameters
-        ----------
-        joint_age : float
-            Age of the last good joint state [s]; infinite if there is none.
-        has_posture : bool
-            Whether it is one that the model can have.
-        reference_age : float
-            Of the last streamed point [s]; 0 for a trajectory.
-        """
-        if self.stopped:
-            return 'stopped'
-        if not self.enabled:
-            return 'disabled'
-        if self._needs_joints:
-            if joint_age > self._joint_timeout:
-                return STALE_JOINTS if joint_age < math.inf else NO_JOINTS
-            if not has_posture:
-                return 'joint_states have no posture'
-        if not given:
-            return 'no reference yet'
-        if reference_age > self.reference_timeout:
-            return 'stale reference'
-        return ''
 
 
 class CarryingTorque:

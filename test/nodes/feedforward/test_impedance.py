@@ -16,8 +16,8 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from denoc_ros.dynamics.robot import load_robot
 from denoc_ros.nodes.feedforward import FeedforwardNode
 from denoc_ros.nodes.plant import PlantNode
-from denoc_ros.runtime.inputs.conversions import CommandReader
 from denoc_ros.runtime.inputs.input_monitor import InputError
+from denoc_ros.runtime.inputs.message_readers import CommandReader
 
 pytestmark = pytest.mark.ros
 RATE, RAMP = 200.0, 0.3

@@ -28,8 +28,8 @@ from denoc_ros.nodes.base.messages import (
     TrajectoryPointMessage,
 )
 from denoc_ros.nodes.sensor_inputs import Member, reader_of
-from denoc_ros.runtime.inputs.conversions import CommandReader, JointStateReader, MessageReader
 from denoc_ros.runtime.inputs.input_monitor import InputError
+from denoc_ros.runtime.inputs.message_readers import CommandReader, JointStateReader, MessageReader
 from denoc_ros.runtime.inputs.trajectory_messages import has_many_points, read_trajectory
 
 pytestmark = pytest.mark.ros
