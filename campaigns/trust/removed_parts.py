@@ -20,8 +20,10 @@ from denoc_ros.parts import PARTS, parts
 ROOT = Path(__file__).resolve().parents[2]
 # what imports all of the package that is left, and asks each verb and each node what it has
 INSIDE = """
-import importlib, pkgutil, sys
+import importlib, importlib.util, pkgutil, sys
 import denoc_ros
+for part in sys.argv[1:]:
+    assert importlib.util.find_spec('denoc_ros.' + part) is None, part + ' must not be found'
 from denoc_ros.cli.main import build_parser
 from denoc_ros.cli.verbs import verbs
 from denoc_ros.parts import nodes, parameter_table
@@ -35,6 +37,17 @@ for node in nodes():
     parameter_table(node)
 print(' '.join(verbs()))
 """
+# An editable installation has a finder that finds a removed part in its own checkout.
+SITE = """
+import sys
+known = [(each, getattr(each, '__module__', '')) for each in sys.meta_path]
+sys.meta_path[:] = [each for each, module in known if not module.startswith('__editable__')]
+"""
+
+
+def gone(part: str) -> set[str]:
+    """Return a part and those that need it."""
+    return {part, *(name for name, each in parts().items() if part in each.needs)}
 
 
 def remove(part: str, target: Path) -> Path:
@@ -43,8 +56,7 @@ def remove(part: str, target: Path) -> Path:
         ['git', 'ls-files', '--cached', '--others', '--exclude-standard', '-z'],
         cwd=ROOT, capture_output=True, check=True, text=True,
     )  # fmt: skip
-    gone = {part, *(name for name, each in parts().items() if part in each.needs)}
-    left_out = tuple(f'{room}/{name}/' for name in gone for room in ('denoc_ros', 'test'))
+    left_out = tuple(f'{room}/{name}/' for name in gone(part) for room in ('denoc_ros', 'test'))
     for name in filter(None, listed.stdout.split('\0')):
         if not name.startswith(left_out) and (ROOT / name).is_file():
             (target / name).parent.mkdir(parents=True, exist_ok=True)
@@ -52,10 +64,13 @@ def remove(part: str, target: Path) -> Path:
     return target
 
 
-def commands(quick: bool) -> list[list[str]]:
-    """Return what must succeed in the copy: all of `make check`, or without its tests."""
+def commands(part: str, quick: bool) -> list[list[str]]:
+    """Return what must succeed without a part: all of `make check`, or without its tests."""
     bin_folder = Path(sys.executable).parent
-    found = [[sys.executable, '-c', INSIDE], [str(bin_folder / 'lint-imports')]]
+    found = [
+        [sys.executable, '-c', INSIDE, *sorted(gone(part))],
+        [str(bin_folder / 'lint-imports')],
+    ]
     if not quick:
         tests = [str(bin_folder / 'pytest'), '-q', '-m', 'not ros and not long']
         found += [
@@ -69,8 +84,9 @@ def commands(quick: bool) -> list[list[str]]:
 def attempt(part: str, quick: bool) -> str:
     """Remove a part from a copy and try what is left; return what failed, '' if nothing did."""
     with tempfile.TemporaryDirectory(prefix='denoc-parts-') as folder:
-        copy = remove(part, Path(folder))
-        for command in commands(quick):
+        copy = remove(part, Path(folder) / 'checkout')
+        (copy.parent / 'sitecustomize.py').write_text(SITE, encoding='utf-8')
+        for command in commands(part, quick):
             done = subprocess.run(
                 command, cwd=copy, capture_output=True, text=True, env=environment(copy)
             )
@@ -80,8 +96,8 @@ def attempt(part: str, quick: bool) -> str:
 
 
 def environment(copy: Path) -> dict[str, str]:
-    """Return this process's environment, with the copy's package first."""
-    return {**os.environ, 'PYTHONPATH': str(copy)}
+    """Return this process's environment, with the copy's package and no other."""
+    return {**os.environ, 'PYTHONPATH': f'{copy}{os.pathsep}{copy.parent}'}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -43,18 +43,20 @@ ROOMS = {
     'dynamics': 'Robot: the verbs of the dynamics',
     'kernels': 'the compiled recursion, on plain arrays',
     'model': 'the robot model: URDF and flexibility',
-    'reduction': 'links from meshes and finite elements',
-    'simulation': 'scenarios and runs',
-    'control': 'motions without residual vibration, state feedback',
-    'estimation': 'observer, calibration',
-    'identification': 'decays, spectra, friction, the whole model',
-    'replay': 'recorded runs, recomputed',
-    'viewer': 'the page in the browser, films',
-    'reports': 'pages, figures, measures',
     'bags': 'recordings',
+    'estimation': 'observer, fusion, joint motion',
+    'simulation': 'scenarios and runs; recorded runs computed again',
     'runtime': 'clocks, limits, references and live models of the nodes',
     'nodes': 'the ROS 2 nodes',
     'cli': 'the code of the commands',
+    'pages': 'layout of pages, figures',
+    'planning': 'motions without residual vibration',
+    'feedback': 'state feedback and strain feedback about a plan',
+    'identification': 'decays, joints, servos, whole models, tracking, calibration',
+    'reduction': 'links from meshes and finite elements',
+    'reports': 'pages of runs, and their numbers',
+    'viewer': 'the page in the browser, films',
+    'export': 'models for other simulators',
 }
 
 
@@ -196,10 +198,9 @@ def uncompile() -> None:
 
     From here on no kernel runs in this process.
     """
-    from denoc_ros.kernels.jit.compiled import APART
+    from denoc_ros.kernels.jit.compiled import APART, kernel_modules
 
-    for name in room_modules('kernels'):
-        module = import_module(name)
+    for module in kernel_modules():
         for key, value in list(vars(module).items()):
             symbol = getattr(value, 'symbol', None)  # of a function that others call by it
             compiled = APART[symbol] if isinstance(symbol, str) else value
