@@ -14,14 +14,20 @@ from rclpy.parameter import Parameter
 
 from denoc_ros.bags.cdr import CdrReader
 from denoc_ros.bags.joint_state import FIELDS, JointStateLayout, JointStateMessage
-from denoc_ros.parts import node_main
+from denoc_ros.parts import node_main, nodes
 from denoc_ros.runtime.loop.clocks import Clock
 from denoc_ros.runtime.loop.status import OK, Status, input_status
 from denoc_ros.types import Array
 
 START_NS = 1_000_000_000_000  # stamp of time 0
 # modules of nodes in which outputs and loops are made
-MODULES = ('robot_node', 'predictor', 'torque', 'plant', 'sensor_outputs', 'shaper')
+# of nodes, and of what their outputs stand in
+MODULES = (
+    'denoc_ros.nodes.base.robot_node',
+    'denoc_ros.nodes.torque_output',
+    'denoc_ros.nodes.sensor_outputs',
+    *(node_main(name) for name in ('predictor', 'plant', 'shaper') if name in nodes()),
+)
 
 
 class HandClock(Clock):
@@ -115,7 +121,7 @@ class HandFedNode:
         }
         changed = []
         for name in MODULES:
-            module = importlib.import_module(node_main(name))
+            module = importlib.import_module(name)
             for function in replaced.keys() & vars(module).keys():
                 changed.append((module, function, getattr(module, function)))
                 setattr(module, function, replaced[function])
