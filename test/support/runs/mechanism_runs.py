@@ -9,9 +9,9 @@ import numpy as np
 from mechanisms import CONFIG, DOWN, START, mechanism
 
 import denoc_ros as dn
-from denoc_ros.export.dh_verb import urdf_text
-from denoc_ros.export.dh_system import read_system
 from denoc_ros.cli.session.session_config import read_yaml
+from denoc_ros.export.dh_system import read_system
+from denoc_ros.export.dh_verb import urdf_text
 from denoc_ros.simulation.simulate import Run
 from denoc_ros.types import Array
 
