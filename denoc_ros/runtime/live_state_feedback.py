@@ -24,6 +24,7 @@ from denoc_ros.kernels.compiled import ready
 from denoc_ros.model.numbers import FAMILIES
 from denoc_ros.runtime.feedforward_parameters import FEEDBACK
 from denoc_ros.runtime.gain_worker import TURN, FeedbackModel, GainWorker, WantedGains
+from denoc_ros.runtime.live_observer import trusted_sensors
 from denoc_ros.runtime.parameters import Settings
 from denoc_ros.runtime.reference import ReferenceFollower
 from denoc_ros.runtime.status import ERROR, WARN, Status
@@ -392,6 +393,8 @@ class LiveStateFeedback:
             if lowered and not self.cause:
                 status.message = f'active, made stable: {lowered}'
             status.values['limited'] = feedback.limited
+            if feedback.filter.faults is not None:
+                status.values |= trusted_sensors(feedback.filter.faults)
             status.values['outliers'] = ' '.join(map(str, feedback.filter.refused.tolist()))
         if worker.refusal:
             status.worsen(ERROR, worker.refusal)
