@@ -177,6 +177,21 @@ class Observer:
         self._stamp = math.nan
         self._tau[:] = 0.0
 
+    def rehearse(self) -> None:
+        """Call all that a loop calls once, so that nothing compiles in it; then reset."""
+        step, index = self.settings.step, self.motion.index
+        there, still = self.motion.posture[index], np.zeros(len(index))
+        self.measure(0.0, there, still, still)
+        self.measure(step, there, still, still)
+        # One of each value: what inertial sensors need compiles here.
+        for place in range(len(self.fusion.names) if self.fusion else 0):
+            self.sense(place, step, 0.0)
+        self.tick(2.0 * step)
+        count = len(self.springs.whole.names)
+        self.modal_state((np.empty(count), np.empty(count)))
+        self.predict()
+        self.reset()
+
     @property
     def stamp(self) -> float:
         """Time of the last measurement [s]; NaN before the first."""

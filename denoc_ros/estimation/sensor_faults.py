@@ -192,6 +192,17 @@ class SensorFaults:
         """Whether the estimate follows the joints alone."""
         return self.active == JOINTS or not self.trusted.any()
 
+    @property
+    def finding(self) -> str:
+        """Which sensors are excluded, and why, in words of diagnostics; '' if all are used."""
+        reasons = '; '.join(f'{name}: {cause}' for name, cause in self.causes.items())
+        if self.uses_joints_only:
+            joints = (
+                'sensors contradict each other or the joints: the estimate uses the joints alone'
+            )
+            return f'{joints} ({reasons})' if reasons else joints
+        return f'excluded: {reasons}' if reasons else ''
+
     def uses(self, place: int) -> bool:
         """Say whether the estimate may use a value."""
         return self.active == ALL and bool(self.trusted[self._unit_of[place]])

@@ -3,20 +3,26 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from denoc_ros.dynamics.driven.measured_side import MeasuredStates, whole_robot
+from denoc_ros.dynamics.driven.measured_side import MeasuredStates, measured_robot, whole_robot
 from denoc_ros.dynamics.elastic.state_history import StateHistory
 from denoc_ros.dynamics.robot import Robot
+from denoc_ros.errors import StateError
+from denoc_ros.estimation.fusion import FusionSettings
+from denoc_ros.estimation.observer import Observer
+from denoc_ros.estimation.observer_settings import ObserverSettings
+from denoc_ros.estimation.sensor_faults import SensorFaults
 from denoc_ros.feedback.beginning import ASTRAY, NEAR, Beginning
 from denoc_ros.feedback.feedback_design import BIASES, PostureGains
 from denoc_ros.feedback.gain_schedule import GainSchedule
 from denoc_ros.feedback.kernels.deviation_kernels import compare, correct_estimate, sift
 from denoc_ros.feedback.model_errors import ErrorEstimate
-from denoc_ros.feedback.read_values import chosen_values
+from denoc_ros.feedback.read_values import chosen_values, numbered_values
 from denoc_ros.feedback.residual_modes import is_hardened
 from denoc_ros.kernels.jit.compiled import entry
 from denoc_ros.types import Array
@@ -31,15 +37,15 @@ LARGEST = 1e3  # m or rad, and per s: no deviation is that large
 AGEING = 0.02  # weight of the newest values' age in the usual one
 BRIEF = 0.06  # s of a pause that leaves no more than the gains of every period undo
 UNSEEN = 0.01  # s of a pause that shows neither for an error of the model nor for a fault
-UNCLEAR = 0.6  # s after a longer one in which what it left may look like a fault of a sensor
+UNCLEAR = 0.6  # s after a longer one in which what it left may contradict the sensors
 DOUBTED = 0.3  # of what held torque did in a pause: so far the model may be off
 WAITS = 0.5  # s in which it becomes clear where a robot is that went astray
-# m or rad of the softest beam: larger deviations, for so long [s] after it went astray, are not
-# linear; they would be learned for errors, or blamed on a sensor
-SMALL, UNTIL_SMALL = 0.03, 5.0
-BEGINS = 1.0  # s in which an estimate that begins may contradict all sensors
+BEGINS = 1.0  # s in which it is found out where an estimate begins
 FIRST = 0.06  # s from one correction of where the estimate began to the next
-BLAMED = 1.0  # s after a fault was found, in which the sensor beside it may have been blamed
+LEARNS_AFTER_S = 1.0  # Time after a fault until the estimate is free of it and learns [s].
+# Assumed error of the model's forces, in the detection of faulty sensors: stiffness 20 % too low
+# and load 20 % too high together change the deflection by a third and more.
+MODEL_ERROR_SHARE = 0.4
 REGAIN = 0.2  # s of good values until the estimate is believed again
 
 
@@ -57,8 +63,9 @@ class DeviationFilter:
     A value is compared with what plan and estimate had at its own stamp. While a sensor that is
     read has given no value of late within the gate, the joints alone correct the estimate, which
     is not believed. Sensors that speak again are listened to within wide bounds, and believed when
-    all have agreed for a while. A sensor that contradicts the joints and the other sensors is left
-    out, and the estimate is not believed either; the others still tell the model's errors.
+    all have agreed for a while. A sensor that contradicts the estimate is left out at once, and
+    the estimate is not believed. An observer of the joints' motion runs in parallel: its detection
+    of faults excludes the faulty sensor; the others still tell the model's errors.
 
     Parameters
     ----------
@@ -121,14 +128,15 @@ class DeviationFilter:
         self._innovation, self._surprise = np.zeros((2, seen))
         self._good_at = np.zeros(seen)
         self._beginning: Beginning | None = None
-        self._small_from = -np.inf  # when deviations may be judged, however large
         self._starts = np.inf  # when what has been measured says next where it began
         self._plan, self._own = StateHistory(HISTORY, seen), StateHistory(HISTORY, seen)
         self._slot = {int(place): 2 * self._k + at for at, place in enumerate(self._sensors)}
         self._pause: Pause | None = None
         self.errors: ErrorEstimate | None = None
+        self._checker: Observer | None = None
         if schedule.errors is not None:
-            checked = len(values) if is_hardened(robot, names) else 0
+            self._checker = _sensor_checker(robot, names, self._period)
+            checked = 0 if self._checker is None else len(values)
             self.errors = ErrorEstimate(schedule.errors, self._period, gains, checked)
         self.joints, self.joints_at = np.zeros(2 * self._k), -np.inf
         self._has_rates = math.isfinite(schedule.settings.velocity_noise)
@@ -141,6 +149,9 @@ class DeviationFilter:
         """Forget the deviations: the robot counts as on its plan, and that is not believed."""
         if self.errors is not None:
             self.errors.reset()
+        if self._checker is not None:
+            self._checker.reset()
+        self._heard[:], self._suspected, self._excluded = True, False, 0
         self._forget()
         self._plan.clear()
         self._own.clear()
@@ -150,8 +161,7 @@ class DeviationFilter:
         self._doubted_at, self._age, self.blind = np.nan, np.nan, True
         self._began, self._judges_from, self._begins = np.nan, -np.inf, False
         self._beginning, self._pause = None, None
-        self._is_astray, self._small_from = False, -np.inf
-        self._mistook = False  # a healthy sensor was blamed beside the faulty one
+        self._is_astray = False
         self.joints[:], self.joints_at = 0.0, -np.inf
 
     def _forget(self) -> None:
@@ -162,6 +172,12 @@ class DeviationFilter:
         self.state[: len(self.state) - len(self._biased)] = 0.0
         if self.errors is not None:
             self.state[: self._deviations] = self.errors.state(self.time)
+
+    @property
+    def faults(self) -> SensorFaults | None:
+        """The detection of faulty sensors; None where there is none."""
+        fusion = None if self._checker is None else self._checker.fusion
+        return None if fusion is None else fusion.faults
 
     def start_anew(self, now: float, cause: str) -> None:
         """Begin again from the measurements after a time [s]; errors learned and faults stay."""
@@ -181,6 +197,9 @@ class DeviationFilter:
         if other.errors is not None:
             other.errors.adopt(self.errors, self.state)
         self.errors = other.errors
+        if self._checker is not None and other._checker is not None:
+            other._checker.adopt(self._checker)
+        self._checker = other._checker
 
     def follow(self, time: float, q: Array, qd: Array, qdd: Array | None = None) -> None:
         """Take the plan's coordinates, rates and accelerations (n,) at a time of the clock [s].
@@ -205,12 +224,20 @@ class DeviationFilter:
         if qd is not None:
             self._values[k : 2 * k], self._stamps[k : 2 * k] = qd, stamp
             self._new[k : 2 * k] = True
+        if self._checker is not None:
+            try:
+                self._checker.measure(stamp, q, qd)
+            except StateError:  # The fused estimate left all bounds: the detection starts again.
+                self._checker.reset()
 
     def take_sensor(self, place: int, stamp: float, value: float) -> None:
         """Take a value of one of the robot's sensors, measured at a time [s]."""
         slot = self._slot.get(place)
         if slot is not None:
             self._values[slot], self._stamps[slot], self._new[slot] = value, stamp, True
+            faults = self.faults
+            if self._checker is not None and faults is not None and faults.is_due(stamp):
+                self._checker.sense(place, stamp, value)
 
     def correct(self, now: float, gains: PostureGains) -> None:
         """Correct the estimate by the received values, and say whether it is reliable."""
@@ -251,9 +278,8 @@ class DeviationFilter:
         self._find_faults(now, gains)
         self._sift(
             innovation, gains.spread, gains.reach, self._rates if self.believed else self._any,
-            stamps, new, self._good, self._heard if self.errors is None else self.errors.heard,
-            self._good_at, self.refused, now, GATE, self._k, self.state, self._deviations,
-            self._found,
+            stamps, new, self._good, self._heard, self._good_at, self.refused, now, GATE, self._k,
+            self.state, self._deviations, self._found,
         )  # fmt: skip
         self._judge(now, *self._found.tolist())
         for _, sample, at in groups:
@@ -283,17 +309,13 @@ class DeviationFilter:
         """Correct the estimate, and its propagation since, by the innovations of a sample."""
         correction, errors = gains.correction, self.errors
         since = stamp - 0.5 * self._period
+        at = at[good[at] & self._heard[at]]
         if self._begins:
-            self._watch(at[good[at] & (errors is None or errors.heard[at])], gains)
+            self._watch(at, gains)
             return
         if errors is not None and not self.blind:
-            faulty = int(np.count_nonzero(errors.faulty))
-            self._mistook = faulty > 1 or (self._mistook and faulty > 0)
-            learns = self.believed or (faulty == 1 and not self._mistook)
-            time = self.time if learns and not errors.suspected else None
-            errors.take(gains, self._surprise, at, good, self._values, since, time)
-            good = good & errors.heard
-        at = at[good[at]]
+            learns = not self._suspected and (self.believed or self._excluded > 0)
+            errors.take(gains, self._surprise, at, since, self.time if learns else None)
         if self.blind:
             at, correction = at[at < 2 * self._k], gains.blind
         if self._beginning is not None:
@@ -314,32 +336,30 @@ class DeviationFilter:
         self._beginning.watch(gains.measured, self._innovation, gains.spread, at)
 
     def _find_faults(self, now: float, gains: PostureGains) -> None:
-        """Leave out a sensor that contradicts the others, and its effect on the estimate."""
-        errors = self.errors
-        if errors is None or self.blind:
+        """Leave out sensors that the detection excludes, or that contradict the estimate."""
+        errors, faults, first = self.errors, self.faults, 2 * self._k
+        if errors is None or faults is None:
             return
-        if now < self._small_from:
-            away = self.state[: self._deviations] - errors.state(self.time)
-            if np.abs(away / gains.unit).max() > SMALL:
-                self._judges_from = max(self._judges_from, now + UNCLEAR)
-        if now < self._judges_from:
-            errors.forget_innovations()
-        if not errors.find_faults(now, gains):
-            return
-        errors.doubt(self.time, BLAMED)
-        seen = self._change(errors.estimate - self.state, gains)
-        self._innovation[self._new] -= seen[self._new]
-        self._surprise[:] = self._innovation
+        used = np.array([faults.uses(place) for place in self._sensors.tolist()], dtype=np.bool_)
+        excluded, suspected = int(np.count_nonzero(~used)), False
+        self._heard[first:] = used
+        if not (self.blind or self._begins or now < self._judges_from):
+            contradicts = used & errors.contradictions(gains, self._surprise, self._new)
+            suspected = bool(contradicts.any())
+            # Many sensors contradict a state that is wrong: then all have to correct it.
+            if 2 * np.count_nonzero(contradicts) <= len(used):
+                self._heard[first:] &= ~contradicts
+        if excluded > self._excluded or (suspected and not self._suspected):
+            errors.forget_recent()
+            errors.doubt(self.time, LEARNS_AFTER_S)
+        self._excluded, self._suspected = excluded, suspected
 
     def _begin(self, now: float, gains: PostureGains) -> None:
         """Begin where the joints are measured, and find out about the rest."""
         self._fresh, self._begins, self._began = False, True, now
-        self._judges_from = max(self._judges_from, now + BEGINS)
         if self.errors is not None:
             self.errors.doubt(self.time)
         likely = ASTRAY if self._is_astray else NEAR
-        if self._is_astray:
-            self._small_from = now + UNTIL_SMALL
         self._starts = now + FIRST
         self._beginning = Beginning(len(self.state), likely * gains.unit)
         known = self._new[: 2 * self._k] & np.isfinite(gains.spread[: 2 * self._k])
@@ -455,17 +475,16 @@ class DeviationFilter:
         elif not age <= self._timeout:
             worst = int(place) - 2 * self._k
             cause = f'no good values of {self._names[worst] if worst >= 0 else "the joints"}'
+        elif self.faults is not None and self.faults.uses_joints_only:
+            cause = self.faults.finding
         self.blind = bool(cause)
         if cause:
             self.believed, self.cause, self._doubted_at = False, cause, now
             if now - self._began >= RESTART:
                 self.start_anew(now, cause)
-        elif self.errors is not None and self.errors.faulty.any():
-            first = self._names[int(np.argmax(self.errors.faulty))]
-            self.cause = f'{first} contradicts the other measurements'
-            self.believed, self._doubted_at = False, now
-        elif self.errors is not None and self.errors.suspected:
-            self.cause = 'sensors contradict each other'
+        elif self._excluded or self._suspected:
+            finding = '' if self.faults is None else self.faults.finding
+            self.cause = finding or 'sensors contradict each other'
             self.believed, self._doubted_at = False, now
         elif not self.believed:
             if not agrees:
@@ -492,3 +511,18 @@ class DeviationFilter:
     def _transition(self, gains: PostureGains) -> Array:
         """Return the estimate's transition (e, e) with the errors that are known."""
         return gains.transition if self.errors is None else gains.with_errors(self.errors.used)[0]
+
+
+def _sensor_checker(robot: Robot, joints: Sequence[str], period: float) -> Observer | None:
+    """Return an observer whose fusion detects faulty sensors; None where it cannot.
+
+    It needs the motion of all joints, a base that is held, and the noise of all sensors.
+    """
+    known = set(joints) == set(robot.joint_names) and not len(robot.base_indices)
+    noise = [value.noise for value in numbered_values(robot.tree)]
+    if not (known and noise and min(noise) > 0.0 and is_hardened(robot, joints)):
+        return None
+    fusion = FusionSettings(model_error=MODEL_ERROR_SHARE)
+    checker = Observer(measured_robot(robot), ObserverSettings(step=period, fusion=fusion), joints)
+    checker.rehearse()
+    return checker

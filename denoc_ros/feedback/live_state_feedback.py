@@ -24,6 +24,7 @@ from denoc_ros.feedback.read_values import unread_values
 from denoc_ros.feedback.state_feedback import FEEDBACK_KERNELS, RAMP, StateFeedback
 from denoc_ros.kernels.jit.compiled import ready
 from denoc_ros.model.numbers import FAMILIES
+from denoc_ros.runtime.live_observer import trusted_sensors
 from denoc_ros.runtime.loop.status import ERROR, WARN, Status
 from denoc_ros.runtime.parameters.parameter_table import Settings
 from denoc_ros.runtime.reference.reference import ReferenceFollower
@@ -392,6 +393,8 @@ class LiveStateFeedback:
             if lowered and not self.cause:
                 status.message = f'active, made stable: {lowered}'
             status.values['limited'] = feedback.limited
+            if feedback.filter.faults is not None:
+                status.values |= trusted_sensors(feedback.filter.faults)
             status.values['outliers'] = ' '.join(map(str, feedback.filter.refused.tolist()))
         if worker.refusal:
             status.worsen(ERROR, worker.refusal)

@@ -49,23 +49,17 @@ LAST_MODES = 4.0
 # itself; modes as fast as these hardly move by themselves
 LAST_MOVING = 2.6
 LARGEST = 0.4  # error that is believed
-GATE = 4.0  # of the innovations' spread: beyond it something else was at work
-# where sensors are checked, an offset is found otherwise, and ten channels pass 4 too often
-CHECKED_GATE = 5.0
+# of the innovations' spread: beyond it something else was at work; where sensors are checked, an
+# offset is found otherwise, and ten channels pass 4 too often
+GATE, CHECKED_GATE = 4.0, 5.0
 QUIET = 0.3  # s after a pause of the loop in which its trace is not taken for an error's
 ENTERS = 0.07  # s, each of two lags by which errors come in
 HISTORY = 256  # periods over which values may be late
 KEPT, APART = 3, 0.1  # estimates of the past that are kept, and the time between them [s]
-RECENT = 0.15  # s of innovations in which a sensor that contradicts the others shows
-EVERY = 0.004  # s between such tests
-DECIDES = 0.03  # s from when sensors contradict each other until one is found to be faulty
-# chi-squared of an offset of one sensor's values: beyond it sensors contradict each other (healthy
-# ones had at most 3 with beams of other shapes, stiffness and load), the sensor is faulty; within
-# it a faulty one agrees again
-SUSPECTED, FAULTY, AGREES = 8.0, 40.0, 9.0
-CLEAR = 18.0  # chi-squared by which it is more likely to be faulty than any other
-CLIP = 4.0  # standard deviations by which one value counts, and more if that before it did
-SCALE = 0.1  # error of a sensor's scale that must have shown until it is heard again
+# s over which a sensor's normalized innovations are averaged, and the average beyond which it
+# contradicts the estimate. Healthy gauges reach 0.45 with EI and load 20 % off and beams of other
+# shapes; a gauge that reads 1.3 times the strain reaches 1.5 after two periods of 1 ms.
+CONTRADICTION_WINDOW_S, CONTRADICTION_SIGMAS = 0.02, 1.2
 # s over which deviations are averaged, twice, that show errors by what the robot makes of them:
 # else their noise, which the feedback's torque shares, would show errors of last modes at rest
 AVERAGED = 0.03
@@ -264,7 +258,7 @@ def _nodes(motion: PlannedMotion) -> tuple[float, Array]:
 
 
 class ErrorEstimate:
-    """Errors of the model along a plan, the plan of the robot that has them, faulty sensors.
+    """Errors of the model along a plan, and the plan of the robot that has them.
 
     The filter of deviations takes the robot for one with the errors `used`, on that robot's plan,
     its tip where it was: deviations stay small however wrong the model is. The filter is then off
@@ -281,15 +275,8 @@ class ErrorEstimate:
     polynomial of second degree in the errors beside those used: of what came before the errors
     were used, a linear one would show soft beams for a light load.
 
-    A sensor that is dead, stuck, turned over or out of scale has values that are off by about a
-    constant for a while. That shifts the second estimate and its innovations, too, but otherwise
-    than errors of the model. Over a short past the innovations are fitted by the errors and the
-    offset of each sensor in turn. A sensor is faulty whose offset explains much that no errors
-    do, and more than that of any other sensor; from the first doubt until that is clear, nothing
-    is learned and the estimate is not believed. For each
-    sensor an estimate runs along that has not heard it, and goes on in place of the second one if
-    the sensor is faulty. The sensor agrees again when it has been near that estimate for as long
-    as an error of its scale by `SCALE` takes to show.
+    The mean of a sensor's normalized innovations shows within milliseconds that the sensor
+    contradicts this estimate, long before the detection of faults finds the faulty one.
 
     Parameters
     ----------
@@ -310,20 +297,13 @@ class ErrorEstimate:
         smoothly.
     seen : (e, errors) array
         How far the filter's estimate is from the truth, by unit errors.
-    faulty : (sensors,) bool array
-    suspected : bool
-        Whether sensors contradict each other and it is not clear which is faulty.
-    heard : (measured,) bool array
-        All measurements but those of faulty sensors.
     expected : StateHistory
         Measurements (measured,) beyond the plan's, by the second estimate.
 
     Notes
     -----
     Two-stage estimation of a constant bias: B. Friedland, Treatment of bias in recursive
-    filtering, IEEE Transactions on Automatic Control 14 (1969). Faults by a generalized
-    likelihood ratio: A. S. Willsky and H. L. Jones, A generalized likelihood ratio approach to the
-    detection and estimation of jumps in linear systems, same 21 (1976).
+    filtering, IEEE Transactions on Automatic Control 14 (1969).
     """
 
     def __init__(
@@ -346,43 +326,33 @@ class ErrorEstimate:
         self._away = np.zeros((2, gains.by_errors.shape[2], 1 + count))
         self._past: deque[tuple[Array, Array]] = deque(maxlen=KEPT)
         self._since = 0.0
-        # estimates without each sensor, then with all: polynomials in errors beside those used
-        self._bank: Array = np.zeros((size, sensors + 1, 1 + len(terms(self.used))))
-        # how far the last one is off by unit offsets of sensors
-        self._shift: Array = np.zeros((size, sensors))
+        # the second estimate: a polynomial in errors beside those used
+        self._second: Array = np.zeros((size, 1 + len(terms(self.used))))
         self._first = measured - sensors
         self.expected = StateHistory(HISTORY, measured)
-        self._information = np.zeros((count + sensors, count + sensors))
-        self._explained = np.zeros(count + sensors)
-        self._mean, self._agreed = np.zeros((2, sensors))
-        self._before, self._doubts = np.zeros((2, measured))
+        self._mean = np.zeros(sensors)
         rare = int(np.argmin(errors.likely)) if np.ptp(errors.likely) > 0.0 else -1
         self._numbers = np.array([
             errors.step, period, period / (period + AVERAGED), period / (period + ENTERS),
-            WALK**2 * period, NONE, rare, RARELY, UNSURE, *errors.likely,
+            WALK**2 * period, NONE if sensors else 0.0, rare, RARELY, UNSURE, *errors.likely,
         ])  # fmt: skip
         self._pushed = np.zeros(len(gains.push))
         self._ahead, self._changes, self._correct = map(entry, ERROR_KERNELS)
-        self._tested, self._settled, self._suspected_at = -np.inf, np.inf, -np.inf
-        self.faulty, self.suspected = np.zeros(sensors, dtype=np.bool_), False
-        self.heard = np.ones(measured, dtype=np.bool_)
 
     @property
     def estimate(self) -> Array:
         """The second estimate (e,)."""
-        return self._bank[:, -1, 0]
+        return self._second[:, 0]
 
     def reset(self) -> None:
-        """Forget the errors and the faults."""
+        """Forget the errors."""
         self.values[:] = self.used[:] = self._entering[:] = 0.0
         self._covariance[:] = np.diag(self._errors.likely**2)
         self._past.clear()
         self._looked = -np.inf
-        self.faulty[:], self.heard[:], self._agreed[:] = False, True, 0.0
-        self._bank[:], self._shift[:], self._away[:] = 0.0, 0.0, 0.0
+        self._second[:], self._away[:], self._mean[:] = 0.0, 0.0, 0.0
         self.expected.clear()
         self.forget_deviations()
-        self.forget_innovations()
 
     def forget_deviations(self) -> None:
         """Take note that the filter has started anew from measurements."""
@@ -391,30 +361,23 @@ class ErrorEstimate:
     def restart(self, gains: PostureGains, state: Array) -> None:
         """Let the second estimate go on from that of the filter."""
         count = len(self.used)
-        self._bank[..., 0], self._bank[..., 1 + count :] = state[:, None], 0.0
-        self._bank[..., 1 : 1 + count] = self.seen[:, None]
-        self._shift[:] = 0.0
+        self._second[:, 0], self._second[:, 1 + count :] = state, 0.0
+        self._second[:, 1 : 1 + count] = self.seen
         self.expected.since(-np.inf)[1][:] = gains.measured @ state
-        self.forget_innovations()
-
-    def forget_innovations(self) -> None:
-        """Look for faults from now on."""
-        self._settled, self.suspected = np.inf, False
-        self._information[:], self._explained[:] = 0.0, 0.0
+        self._mean[:] = 0.0
 
     def adopt(self, other: ErrorEstimate | None, state: Array) -> None:
         """Go on with the values of another estimate of the same errors, if there is one.
 
         `state` (e,) is that of the filter.
         """
-        self._bank[..., 0] = state[:, None]
-        if other is not None and other._bank.shape == self._bank.shape:
+        self._second[:, 0] = state
+        if other is not None and other._second.shape == self._second.shape:
             self.values[:], self.used[:], self.seen[:] = other.values, other.used, other.seen
             self._entering[:], self._looked = other._entering, -np.inf
             self._covariance, self._past = other._covariance, other._past
             self._away = other._away
-            self._bank, self._shift, self.expected = other._bank, other._shift, other.expected
-            self.faulty, self.heard, self._agreed = other.faulty, other.heard, other._agreed
+            self._second, self.expected, self._mean = other._second, other.expected, other._mean
 
     def show(self, time: float) -> bool:
         """Say whether a time of the plan [s] is one of its motion, in which the errors show."""
@@ -423,15 +386,36 @@ class ErrorEstimate:
     def doubt(self, time: float, seconds: float = QUIET) -> None:
         """Learn nothing for a while from a time of the plan [s] on: not all was as told."""
         self._quiet = max(self._quiet, time + seconds)
-        self.forget_innovations()
+
+    def forget_recent(self) -> None:
+        """Go back to the errors of the oldest estimate kept: a sensor was faulty meanwhile."""
+        if self._past:
+            self.values[:], self._covariance[:] = self._past[0]
+            self._past.clear()
+
+    def contradictions(
+        self, gains: PostureGains, innovation: Array, new: NDArray[np.bool_]
+    ) -> NDArray[np.bool_]:
+        """Say which sensors contradict the estimate (sensors,), by its new innovations.
+
+        The errors as they are estimated explain a part of an innovation, and their covariance
+        adds to its variance.
+        """
+        first, count = self._first, len(self.used)
+        shown = gains.measured[first:] @ self._second[:, 1 : 1 + count]
+        missed = innovation[first:] - shown @ (self.values - self.used)
+        variance = gains.surprise.diagonal()[first:] + ((shown @ self._covariance) * shown).sum(1)
+        share = self._period / (self._period + CONTRADICTION_WINDOW_S) * new[first:]
+        self._mean += share * (missed / np.sqrt(variance) - self._mean)
+        return np.abs(self._mean) > CONTRADICTION_SIGMAS
 
     def push(self, now: float, gains: PostureGains) -> None:
         """Take note of the second estimate's expected values at a time [s]."""
         self.expected.push(now)[:] = gains.measured @ self.estimate
 
     def take(
-        self, gains: PostureGains, innovation: Array, at: NDArray[np.intp],
-        good: NDArray[np.bool_], values: Array, since: float, time: float | None,
+        self, gains: PostureGains, innovation: Array, at: NDArray[np.intp], since: float,
+        time: float | None,
     ) -> None:  # fmt: skip
         """Correct the second estimate, and learn from its innovations.
 
@@ -441,94 +425,22 @@ class ErrorEstimate:
         innovation : (measured,) array
             Of the second estimate.
         at : (k,) int array
-            Which of them are new.
-        good : (measured,) bool array
-            Which of them may correct the estimate.
-        values : (measured,) array
-            As they were measured.
+            Which of them are new and may correct the estimate.
         since : float
             When they were measured [s]: what was expected later is corrected as well.
         time : float or None
             Of the plan [s]; None: nothing is to be learned of the errors.
         """
-        history, checked = self.expected, len(self.faulty) > 0
+        history = self.expected
         learns = time is not None and max(self._quiet, 0.0) <= time <= self._end
         far = self._correct(
             gains.measured, gains.surprise, gains.spread, gains.learner, innovation, at,
-            self.heard, good, CLIP, CHECKED_GATE if checked else GATE, LARGEST, learns,
-            self._bank, self._shift, self.values, self.used, self._covariance, self._information,
-            self._explained, self._before, history.times, history.states, len(history), since,
-            self._doubts,
+            CHECKED_GATE if len(self._mean) else GATE, LARGEST, learns, self._second, self.values,
+            self.used, self._covariance, history.times, history.states, len(history), since,
         )  # fmt: skip
         if far:
             assert time is not None
             self._quiet = time + QUIET
-        if not self.heard.all():
-            self._hear_faulty(at[~self.heard[at]], innovation, values, gains)
-
-    def _hear_faulty(
-        self, at: NDArray[np.intp], innovation: Array, values: Array, gains: PostureGains
-    ) -> None:
-        """Judge by innovations whether faulty sensors agree again."""
-        share = self._period / RECENT
-        for k in at:
-            j = k - self._first
-            self._mean[j] += share * (innovation[k] - self._mean[j])
-            variance = share * gains.surprise[k, k] + self._doubts[k]
-            if self._mean[j] ** 2 > AGREES * variance:
-                self._agreed[j] = 0.0
-            else:
-                said = values[k] - innovation[k]
-                self._agreed[j] += share * (SCALE * said) ** 2 / variance
-        self.faulty &= self._agreed < FAULTY
-
-    def find_faults(self, now: float, gains: PostureGains) -> bool:
-        """Say whether one more sensor is faulty from now [s] on; those that agree again are heard.
-
-        The estimate without it goes on, and what has been learned lately is forgotten.
-        """
-        self._settled = min(self._settled, now + RECENT)
-        elapsed = now - self._tested
-        if elapsed < EVERY or not len(self.faulty):
-            return False
-        self._tested = now
-        e = len(self.values)
-        inner = self._information[:e, :e] + np.diag(self._errors.likely**-2.0)
-        across = self._information[:e, e:]
-        by_errors = np.linalg.solve(inner, across)
-        left = self._explained[e:] - self._explained[:e] @ by_errors
-        known = np.diag(self._information)[e:] - (across * by_errors).sum(axis=0)
-        offsets = np.divide(left, known, out=np.zeros(len(left)), where=known > 0.0)
-        squares = left * offsets
-        fading = math.exp(-min(elapsed, RECENT) / RECENT)
-        self._information *= fading
-        self._explained *= fading
-        squares[self.faulty] = 0.0
-        worst = int(np.argmax(squares))
-        contradicts = bool(squares[worst] > SUSPECTED)
-        if contradicts and not self.suspected and now >= self._settled:
-            # an offset that begins now does otherwise than one that the estimate has followed
-            self._shift[:] = 0.0
-            self.forget_innovations()
-            self.suspected, self._suspected_at = True, now
-            return False
-        if self.suspected and now < self._suspected_at + DECIDES:
-            return False
-        self.suspected = contradicts
-        clear = (np.delete(squares, worst) < squares[worst] - CLEAR).all()
-        found = bool(squares[worst] > FAULTY and clear)
-        if found:
-            self.faulty[worst], self._agreed[worst], self._mean[worst] = True, 0.0, offsets[worst]
-            self._bank[:] = self._bank[:, worst, None].copy()
-            self._shift[:] = 0.0
-            self.seen[:] = self._bank[:, -1, 1 : 1 + e]
-            self.expected.since(-np.inf)[1][:] = gains.measured @ self.estimate
-            self.forget_innovations()
-            if self._past:
-                self.values[:], self._covariance[:] = self._past[0]
-                self._past.clear()
-        self.heard[self._first :] = ~self.faulty
-        return found
 
     def go_on(self, gains: PostureGains, state: Array, time: float, pushes: Array) -> Array:
         """Go on by a period from a time of the plan [s].
@@ -553,8 +465,8 @@ class ErrorEstimate:
         """
         self._ahead(
             self._errors.states, self._errors.torques, self._numbers, time, gains.transition,
-            gains.push, gains.by_errors, pushes, state, self.seen, self._bank, self._shift,
-            self._covariance, self._away, self.values, self.used, self._entering, self._pushed,
+            gains.push, gains.by_errors, pushes, state, self.seen, self._second, self._covariance,
+            self._away, self.values, self.used, self._entering, self._pushed,
         )  # fmt: skip
         self._looked = -np.inf
         self._since += self._period

@@ -9,6 +9,7 @@ import numpy as np
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.estimation.fusion import StrainFusion
 from denoc_ros.estimation.observer import Observer
+from denoc_ros.estimation.sensor_faults import SensorFaults
 from denoc_ros.runtime.loop.status import WARN, Status
 from denoc_ros.runtime.parameters.parameter_table import Settings
 from denoc_ros.runtime.parameters.predictor_parameters import FUSION, OBSERVER
@@ -41,17 +42,7 @@ def build_observer(
         joints,
         posture,
     )
-    there, still = observer.motion.posture[observer.motion.index], np.zeros(len(joints))
-    observer.measure(0.0, there, still, still)
-    observer.measure(period, there, still, still)
-    # one of each value: what inertial sensors need compiles here
-    for place in range(len(observer.fusion.names) if observer.fusion else 0):
-        observer.sense(place, period, 0.0)
-    observer.tick(2.0 * period)
-    count = len(observer.springs.whole.names)
-    observer.modal_state((np.empty(count), np.empty(count)))
-    observer.predict()
-    observer.reset()
+    observer.rehearse()
     return observer
 
 
@@ -65,6 +56,12 @@ def accepted_values(observer: Observer) -> int:
     """Return how many values of sensors have corrected an observer, of all times."""
     fusion = observer.fusion
     return 0 if fusion is None else sum(counts['accepted'] for counts in fusion.counts)
+
+
+def trusted_sensors(faults: SensorFaults) -> dict[str, str]:
+    """Say of each sensor whether it is trusted, as diagnostics do."""
+    trusted = zip(faults.units, faults.trusted.tolist(), strict=True)
+    return {f'{unit.name} trusted': 'yes' if good else 'no' for unit, good in trusted}
 
 
 def fusion_status(fusion: StrainFusion, now: float) -> Status:
@@ -82,16 +79,11 @@ def fusion_status(fusion: StrainFusion, now: float) -> Status:
             silent.append(name)
         elif faults.uses(place) and not now - used < SENSOR_SILENCE:
             refused.append(name)
-    for unit, is_trusted in zip(faults.units, faults.trusted.tolist(), strict=True):
-        status.values[f'{unit.name} trusted'] = 'yes' if is_trusted else 'no'
+    status.values |= trusted_sensors(faults)
     if silent:
         status.worsen(WARN, f'no recent value from {", ".join(silent)}: the model goes on alone')
     if refused:
         status.worsen(WARN, f'only late or refused values from {", ".join(refused)}')
-    reasons = '; '.join(f'{name}: {cause}' for name, cause in faults.causes.items())
-    if faults.uses_joints_only:
-        message = 'sensors contradict each other or the joints: the estimate uses the joints alone'
-        status.worsen(WARN, f'{message}{f" ({reasons})" if reasons else ""}')
-    elif reasons:
-        status.worsen(WARN, f'excluded: {reasons}')
+    if faults.finding:
+        status.worsen(WARN, faults.finding)
     return status

@@ -29,7 +29,7 @@ from denoc_ros.feedback.planned_states import state_at
 from denoc_ros.feedback.read_values import chosen_values, read_sensors
 from denoc_ros.feedback.residual_modes import with_residual_modes, without_armature
 from denoc_ros.feedback.state_feedback import FADE, RAMP, HandOver, StateFeedback
-from denoc_ros.types import Array
+from denoc_ros.types import Array, Flags
 
 LIMITS = np.full(3, 5000.0)
 SETTINGS = FeedbackSettings(period=PERIOD, tip='tool', delay=1.5 * PERIOD)
@@ -251,9 +251,7 @@ def test_pauses_while_errors_are_learned_blame_no_sensor_and_cost_little() -> No
         away = {1.0 + 0.04 * k: long for k in range(5)}
         run = Loop(planned, canadarm(0.9, 1.2, described(segments=8)), feedback, away=away)
         outcome = run.run(3.0)
-        errors = feedback.filter.errors
-        assert errors is not None
-        assert not errors.faulty.any()
+        assert trusted(feedback).all()
         assert (outcome.share[1000:] == 1.0).all()
         assert (
             np.sqrt(np.mean(outcome.error**2)) < most
@@ -353,9 +351,15 @@ def test_softer_beams_with_less_load_do_not_ring_by_what_is_learned() -> None:
     assert errors is not None
     # 9 mm; 34 mm and healthy gauges that were blamed, where errors came in faster
     assert run.error.max() < 0.015
-    assert not errors.faulty.any()
+    assert trusted(feedback).all()
     assert feedback.share == 1.0
     np.testing.assert_allclose(errors.values[[0, 1, 3]], [0.25, 0.25, -0.2], atol=0.02)
+
+
+def trusted(feedback: StateFeedback) -> Flags:
+    """Return which sensors the detection of faults trusts (sensors,)."""
+    assert feedback.filter.faults is not None
+    return feedback.filter.faults.trusted
 
 
 @cache
@@ -377,17 +381,18 @@ def test_faulty_gauge_is_found_and_left_out(wrong: Callable[[float], float]) -> 
     applied = feedback.applied
 
     def watched(change: Array) -> None:
-        errors = feedback.filter.errors
-        assert errors is not None
-        if errors.faulty.any():
+        if not trusted(feedback).all():
             found.append(feedback.filter.time)
-            np.testing.assert_array_equal(errors.faulty, [True, False, False, False])
+            np.testing.assert_array_equal(trusted(feedback), [False, True, True, True])
         applied(change)
 
     feedback.applied = watched  # type: ignore[method-assign]
     run = loop.run(2.2)
-    assert 0.0 <= found[0] - begin < 0.05
-    assert feedback.filter.cause == 'link_1_y_root contradicts the other measurements'
+    assert 0.0 <= found[0] - begin < 0.15
+    assert feedback.filter.cause.startswith('excluded: link_1_y_root: ')
+    # The values of the gauge leave the loop long before the detection names it.
+    handed_over = round((begin + 0.01) / PERIOD)
+    assert not run.share[handed_over:].any()
     assert not run.share[-500:].any()
     # as much as the torque may change with feedback of right sensors
     assert np.abs(np.diff(run.torque, axis=0)).max() < 0.05 * planned.limits[0]

@@ -301,17 +301,14 @@ def learn(at, work, noise, shown, missed, most, values, covariance):
 
 @kernel(
     'int64(float64[:, ::1], float64[:, ::1], float64[::1], float64[:, ::1], float64[::1], '
-    'int64[::1], boolean[::1], boolean[::1], float64, float64, float64, boolean, '
-    'float64[:, :, ::1], float64[:, ::1], float64[::1], float64[::1], float64[:, ::1], '
-    'float64[:, ::1], float64[::1], float64[::1], float64[::1], float64[:, ::1], int64, float64, '
-    'float64[::1])'
+    'int64[::1], float64, float64, boolean, float64[:, ::1], float64[::1], float64[::1], '
+    'float64[:, ::1], float64[::1], float64[:, ::1], int64, float64)'
 )
 def learn_errors(
-    measured, noise, spread, learner, innovation, at, heard, good, clip, gate, largest, learns,
-    bank, shift, values, used, covariance, information, explained, last, times, expected, end,
-    since, doubts,
+    measured, noise, spread, learner, innovation, at, gate, largest, learns, estimate, values,
+    used, covariance, times, expected, end, since,
 ):  # fmt: skip
-    """Correct a bank of estimates by the innovations of its last one, and learn errors from them.
+    """Correct an estimate by its innovations, and learn errors from them.
 
     Parameters
     ----------
@@ -323,134 +320,56 @@ def learn_errors(
         Correction.
     innovation : (measured,) array
     at : (k,) int array
-        Which of them are new.
-    heard, good : (measured,) bool arrays
-        Which may tell anything; which of those may correct the estimates.
-    clip, gate, largest : float
-        Standard deviations by which an innovation counts, and beyond which (of `spread`) nothing
-        is learned; the largest error.
+        Which of them are new and may correct the estimate.
+    gate, largest : float
+        Standard deviations (of `spread`) of an innovation beyond which nothing is learned; the
+        largest error.
     learns : bool
         Whether errors may be learned.
-    bank : (e, sensors + 1, 1 + t) array
-        In place: without each of the last values, then with all.
-    shift : (e, sensors) array
-        In place: how far the last of the bank is off by unit offsets of sensors.
+    estimate : (e, 1 + t) array
+        In place.
     values, used : (c,) arrays
-        Errors, in place; those beside which the bank is.
+        Errors, in place; those beside which the estimate is.
     covariance : (c, c) array
         Of the errors; in place.
-    information, explained : (c + sensors, c + sensors) and (c + sensors,) arrays
-        In place: normal equations of errors and offsets of sensors.
-    last : (measured,) array
-        Innovations of before; in place.
     times, expected, end, since
-        History of what is measured of the last of the bank, in place from a time [s] on.
-    doubts : (measured,) array
-        Output: variance of the innovations, those that are not heard, by errors.
+        History of what is measured of the estimate, in place from a time [s] on.
 
     Returns
     -------
     int
         1 if nothing was learned because an innovation was too far off, else 0.
     """
-    size, count, sensors = measured.shape[1], len(values), bank.shape[1] - 1
-    several, width = bank.shape[1] * bank.shape[2], bank.shape[2]
-    flat = bank.reshape((size, several))
-    first = measured.shape[0] - sensors
-    k = len(at)
-    rows = np.zeros((k, several))
-    offsets = np.zeros((k, sensors))
-    shown = np.zeros((k, count))
-    known, counted = np.zeros(k), np.zeros(k)
+    size, width = estimate.shape
+    count, k = len(values), len(at)
+    if k == 0:
+        return 0
+    rows, shown, missed = np.zeros((k, width)), np.empty((k, count)), np.empty(k)
     beside, by_values = values - used, np.empty(width)
-    which, whole = np.empty(k, np.int64), np.empty(k, np.int64)
-    told, taken = 0, 0
+    far = False
     for n in range(k):
         i = at[n]
         for j in range(size):
             read = measured[i, j]
-            if read == 0.0:
-                continue
-            for c in range(several):
-                rows[n, c] += read * flat[j, c]
-            for c in range(sensors):
-                offsets[n, c] += read * shift[j, c]
-        if i >= first:
-            offsets[n, i - first] += 1.0
-        by_values[:] = rows[n, sensors * width :]
+            if read != 0.0:
+                for c in range(width):
+                    rows[n, c] += read * estimate[j, c]
+        by_values[:] = rows[n]
         by_values[0] = 0.0
         move_origin(by_values, beside)
-        known[n] = by_values[0]
         shown[n] = by_values[1 : 1 + count]
-        counted[n] = innovation[i]
-        if sensors:
-            most = clip * math.sqrt(noise[i, i])
-            most = max(most, np.sign(counted[n]) * last[i])
-            last[i] = counted[n]
-            counted[n] = min(max(counted[n], -most), most)
-        if heard[i]:
-            which[told], whole[told] = n, i
-            told += 1
-            continue
-        doubts[i] = 0.0
-        for j in range(count):
-            for c in range(count):
-                doubts[i] += shown[n, j] * covariance[j, c] * shown[n, c]
-    if told == 0:
-        return 0
-    work = np.empty(k * k + k)
-    both = np.empty((count + sensors, told))
-    for m in range(told):
-        n = which[m]
-        for j in range(count):
-            both[j, m] = shown[n, j]
-        for j in range(sensors):
-            both[count + j, m] = offsets[n, j]
-    if factored(noise, whole[:told], work):
-        white = both.copy()
-        solve_each(work, told, white)
-        for m in range(told):
-            n = which[m]
-            left = counted[n] - known[n]
-            for j in range(count):
-                left += shown[n, j] * values[j]
-            for a in range(count + sensors):
-                explained[a] += left * white[a, m]
-                for b in range(count + sensors):
-                    information[a, b] += both[a, m] * white[b, m]
-    far = False
-    for m in range(told):
-        n = which[m]
-        if good[at[n]]:
-            which[taken], whole[taken] = n, at[n]
-            far = far or abs(counted[n]) > gate * spread[at[n]]
-            taken += 1
-    if taken == 0:
-        return 0
+        missed[n] = innovation[i] - by_values[0]
+        far = far or abs(innovation[i]) > gate * spread[i]
     if learns and not far:
-        missed, parts = np.empty(taken), np.empty((taken, count))
-        for m in range(taken):
-            missed[m] = innovation[whole[m]] - known[which[m]]
-            parts[m] = shown[which[m]]
-        learn(whole[:taken], work, noise, parts, missed, largest, values, covariance)
+        learn(at, np.empty(k * k + k), noise, shown, missed, largest, values, covariance)
     change = np.zeros(size)
-    for m in range(taken):
-        n, i = which[m], whole[m]
-        missed_by_all = rows[n, sensors * width] + counted[n]
-        for c in range(sensors + 1):
-            hears = 0.0 if c < sensors and i == first + c else 1.0
-            for j in range(width):
-                rows[n, c * width + j] *= -hears
-            rows[n, c * width] += hears * missed_by_all
     for i in range(size):
-        for m in range(taken):
-            n = which[m]
-            gain = learner[i, whole[m]]
-            change[i] += gain * counted[n]
-            for c in range(sensors):
-                shift[i, c] -= gain * offsets[n, c]
-            for c in range(several):
-                flat[i, c] += gain * rows[n, c]
+        for n in range(k):
+            gain = learner[i, at[n]]
+            change[i] += gain * innovation[at[n]]
+            for c in range(1, width):
+                estimate[i, c] -= gain * rows[n, c]
+        estimate[i, 0] += change[i]
     add_measured(measured, change, times, expected, end, since)
     return 1 if learns and far else 0
 
@@ -503,12 +422,12 @@ def believed(values, covariance, numbers, work, out):
 @kernel(
     'void(float64[:, :, ::1], float64[:, :, ::1], float64[::1], float64, float64[:, ::1], '
     'float64[:, ::1], float64[:, :, ::1], float64[::1], float64[::1], float64[:, ::1], '
-    'float64[:, :, ::1], float64[:, ::1], float64[:, ::1], float64[:, :, ::1], float64[::1], '
-    'float64[::1], float64[::1], float64[::1])'
+    'float64[:, ::1], float64[:, ::1], float64[:, :, ::1], float64[::1], float64[::1], '
+    'float64[::1], float64[::1])'
 )
 def estimates_ahead(
-    states, torques, numbers, time, transition, push, by_errors, pushes, state, seen, bank,
-    shift, covariance, away, values, used, entering, pushed,
+    states, torques, numbers, time, transition, push, by_errors, pushes, state, seen, estimate,
+    covariance, away, values, used, entering, pushed,
 ):  # fmt: skip
     """Bring estimates of deviations, and the errors in use, forward by a period.
 
@@ -519,8 +438,8 @@ def estimates_ahead(
     numbers : (NUMBERS,) array
         Step of these tables and period [s]; shares of a period in the average of `away` and in
         lags of the errors in use; growth of their variance in a period; how much likelier than
-        them none is; which one is rare, how much likelier none is there, and by what deviation it
-        may seem to be; their deviations at first.
+        them none is, 0 where errors count as they are estimated; which one is rare, how much
+        likelier none is there, and by what deviation it may seem to be; their deviations at first.
     time : float
         Of the plan [s].
     transition, push : (e, e) and (s, p) arrays
@@ -531,8 +450,8 @@ def estimates_ahead(
         Torques on their way and the new one, beyond the plan's.
     state, seen : (e,) and (e, c) arrays
         In place: the estimate, and how far it is off by unit errors.
-    bank, shift : (e, sensors + 1, 1 + t) and (e, sensors) arrays
-        In place.
+    estimate : (e, 1 + t) array
+        The second one: in place.
     covariance : (c, c) array
         In place.
     away : (2, s + p, 1 + c) array
@@ -544,7 +463,7 @@ def estimates_ahead(
         Output: what the torques do to the deviations.
     """
     size, part, count, past = state.shape[0], push.shape[0], len(used), push.shape[1]
-    width, joints, sensors = bank.shape[2], torques.shape[1], shift.shape[1]
+    width, joints = estimate.shape[1], torques.shape[1]
     before, after = np.empty((part, width)), np.empty((part, width))
     held, beyond = np.empty((joints, width)), np.empty((past, width))
     write_changes(states, time / numbers[PLAN_STEP], used, before)
@@ -583,7 +502,7 @@ def estimates_ahead(
     share = numbers[AVERAGED]
     for j in range(1 + count):
         for i in range(part):
-            away[0, i, j] += share * (bank[i, sensors, j] - before[i, j] - away[0, i, j])
+            away[0, i, j] += share * (estimate[i, j] - before[i, j] - away[0, i, j])
         for k in range(past):
             away[0, part + k, j] += share * (beyond[k, j] - away[0, part + k, j])
         for i in range(part + past):
@@ -602,27 +521,18 @@ def estimates_ahead(
                 product = changed[a, 1 + b]
                 after[i, place] += product if a == b else product + changed[b, 1 + a]
                 place += 1
-    # all estimates side by side, beside the plan
-    several = (sensors + 1) * width
-    columns = several + 1 + count + sensors
+    # both estimates side by side, beside the plan
+    columns = width + 1 + count
     now, then = np.empty((size, columns)), np.zeros((size, columns))
     for i in range(size):
-        for c in range(sensors + 1):
-            for j in range(width):
-                now[i, c * width + j] = bank[i, c, j]
-        now[i, several] = state[i]
-        for j in range(count):
-            now[i, several + 1 + j] = seen[i, j]
-        for c in range(sensors):
-            now[i, several + 1 + count + c] = shift[i, c]
+        now[i, :width] = estimate[i]
+        now[i, width] = state[i]
+        now[i, width + 1 :] = seen[i]
         if i < part:
-            for c in range(sensors + 1):
-                for j in range(width):
-                    now[i, c * width + j] -= before[i, j]
-                    then[i, c * width + j] = after[i, j]
-            for j in range(1 + count):
-                now[i, several + j] -= before[i, j]
-                then[i, several + j] = after[i, j]
+            now[i, :width] -= before[i]
+            then[i, :width] = after[i]
+            now[i, width:] -= before[i, : 1 + count]
+            then[i, width:] = after[i, : 1 + count]
     for i in range(size):
         for k in range(size):
             factor_of = moves[i, k]
@@ -632,7 +542,7 @@ def estimates_ahead(
     for i in range(count):
         covariance[i, i] += numbers[GROWTH]
     wanted, work = values.copy(), np.empty(count * count + count)
-    if sensors:
+    if numbers[NONE] > 0.0:
         believed(values, covariance, numbers, work, wanted)
     change = np.empty(count)
     for j in range(count):
@@ -640,13 +550,9 @@ def estimates_ahead(
         change[j] = numbers[ENTERS] * (entering[j] - used[j])
         used[j] += change[j]
     for i in range(size):
-        state[i] = then[i, several]
+        state[i] = then[i, width]
         for j in range(count):
-            seen[i, j] = then[i, several + 1 + j]
+            seen[i, j] = then[i, width + 1 + j]
             state[i] += seen[i, j] * change[j]
-        for c in range(sensors):
-            shift[i, c] = then[i, several + 1 + count + c]
-        for c in range(sensors + 1):
-            for j in range(width):
-                bank[i, c, j] = then[i, c * width + j]
-            move_origin(bank[i, c], change)
+        estimate[i] = then[i, :width]
+        move_origin(estimate[i], change)
