@@ -18,15 +18,6 @@ from trust.input_faults import NODES, campaign, main, under_faults
 pytestmark = pytest.mark.ros
 
 DRAWS = {'predictor': 500, 'feedforward': 600, 'shaper': 100, 'plant': 800}
-ALWAYS = ('possible', 'no tick fails', 'no trace')
-RARELY = 0.01  # share of the draws that may break one of the other laws
-# laws that each node keeps in every draw
-LAWS = {
-    'predictor': (*ALWAYS, 'not silent', 'sensor is named'),
-    'feedforward': ALWAYS,
-    'shaper': (*ALWAYS, 'not silent'),
-    'plant': (*ALWAYS, 'not silent'),
-}
 
 
 @pytest.fixture(scope='module', autouse=True)
@@ -48,10 +39,7 @@ def predictor(
 @pytest.mark.parametrize('name', NODES)
 def test_no_draw_of_faults_breaks_a_law(name: str, tmp_path: Path) -> None:
     kinds, broken = campaign(name, range(DRAWS[name]), tmp_path)
-    assert [violation for violation in broken if violation.law in LAWS[name]] == []
-    # Where a sensor cannot be told from the model's errors, the joints alone err by more. A wrong
-    # sample that limits allow leaves a model without damping vibrating at about the bound.
-    assert len(broken) <= RARELY * DRAWS[name]
+    assert broken == []
     assert min(kinds.values()) >= DRAWS[name] // 40
 
 

@@ -51,7 +51,7 @@ SOURCES = Sources(GAUGES, (JOINTS,), len(NAMES))
 # bounds of the laws
 DETECTION_S = 1.0  # in which a fault may act before it is found
 CLEAR_SIGMAS = 5.0  # from the truth: what counts as a difference
-CLEAR_S = 0.1  # for which a sensor must differ in total: one noisy sample is no difference
+CLEAR_S = 0.5  # of that time, in total: a sensor that soon agrees is not judged
 # Standard deviation of a value by the model's errors, as a share of it: a sensor that differs by
 # less than 30 % may be right, and the stiffness or the load wrong.
 MODEL_SHARE = 0.06
@@ -339,7 +339,7 @@ def _silent(found: Outcome, true: Truth, draw: Draw, usual: float) -> Iterator[s
 
 
 def _clear_since(true: Truth, gauge: str, good: list[Message], faulty: list[Message]) -> float:
-    """Return when a gauge has differed clearly for `CLEAR_S` while the joints move [s]."""
+    """Return since when a gauge has differed clearly while the joints move [s]."""
     right = {message.stamp: message.position[0] for message in good}
     interval, total = faulty[1].stamp - faulty[0].stamp, 0.0
     for message in faulty:
@@ -350,5 +350,5 @@ def _clear_since(true: Truth, gauge: str, good: list[Message], faulty: list[Mess
         if abs(message.position[0] - expected) > CLEAR_SIGMAS * deviation:
             total += interval
             if total > CLEAR_S - 0.5 * interval:
-                return message.stamp
+                return message.stamp - CLEAR_S
     return np.inf
