@@ -169,17 +169,23 @@ class SensorFaults:
         self.restart()
 
     def restart(self) -> None:
-        """Start the filters again at the next values; excluded sensors stay excluded."""
+        """Start the filters again at the next values; excluded sensors stay excluded.
+
+        Sensors that contradicted each other have to agree before they are used again.
+        """
         self._time, self._doubt = math.nan, 1.0
+        if self.active == JOINTS:
+            self._is_trial, self._doubt = True, self.tuning.trial_doubt
         # Without an envelope no load is improbable.
         self._load_deviation = np.full(self._m, math.inf)
         self.envelope: Array | None = None
         self._set_hypotheses(None)
 
     def adopt(self, other: SensorFaults) -> None:
-        """Keep the exclusions of another detection of the same sensors."""
-        self.trusted[:] = other.trusted
-        self.causes = dict(other.causes)
+        """Keep the exclusions of another detection of the same sensors, and their conditions."""
+        self.trusted[:], self.causes = other.trusted, dict(other.causes)
+        self.active, self._is_trial = other.active, other._is_trial
+        self._patiences[:], self._trial_time = other._patiences, other._trial_time
         self.restart()
 
     @property

@@ -108,7 +108,8 @@ class SensorInputs:
     places : (k,) array of int
         Where they stand among all the robot's sensors on beams.
     values : (k,) array
-        Their newest calibrated values, tare taken off; NaN where none came yet.
+        Their newest calibrated values, tare taken off; NaN where none came yet, or where the
+        last message lacked it.
     fresh : bool
         Whether one of these has come since the reader last set this to False.
     queue : deque of (place, time, value)
@@ -201,15 +202,28 @@ class SensorInputs:
         monitor: InputMonitor,
         clock: StampClock,
     ) -> None:
-        read = [read_value(raw, each) for each in members]
-        for member, (_, values) in zip(members, read, strict=True):
-            if not all(map(math.isfinite, values)):
-                name = member.sensor.name
-                raise InputError('non_finite', f'{name} must be finite, got {values[0]}')
-        stamp_ns = read[0][0] if read else 0
+        read: list[tuple[Member, int, list[float]]] = []
+        refusals: list[tuple[Member, InputError]] = []
+        for member in members:
+            try:
+                stamp_ns, values = read_value(raw, member)
+                if not all(map(math.isfinite, values)):
+                    name = member.sensor.name
+                    raise InputError('non_finite', f'{name} must be finite, got {values[0]}')
+            except InputError as error:  # The message's other sensors may be good.
+                refusals.append((member, error))
+            else:
+                read.append((member, stamp_ns, values))
+        if refusals and not read:
+            raise refusals[0][1]
+        stamp_ns = read[0][1] if read else 0
         monitor.accept(stamp_ns, now)
+        for member, refusal in refusals:
+            self._node.refuse(monitor, refusal)
+            if member.place >= 0:
+                self.values[member.place] = math.nan
         taken = clock.taken_at(1e-9 * stamp_ns, now, 1e-9 * self._node.stamp_ns_at(now))
-        for member, (_, values) in zip(members, read, strict=True):
+        for member, _, values in read:
             if isinstance(member.sensor, Sensor):
                 values = [self._calibrated(member.sensor, member.place, values[0])]
             for place, value in enumerate(values, member.first):

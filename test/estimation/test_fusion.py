@@ -276,6 +276,32 @@ def test_an_observer_goes_on_where_another_was() -> None:
     np.testing.assert_array_equal(first._q, second._q)
 
 
+def test_an_observer_goes_on_without_sensors_that_contradicted_each_other() -> None:
+    data = record('canadarm', True)
+    first, second = observer('canadarm', data), observer('canadarm', data)
+    spoilt = data.gauges[:, :2].copy()
+    spoilt[500:] *= -4.0
+
+    def spoil(row: int, place: int, value: float) -> float:
+        return float(spoilt[row, place]) if place < 2 else value
+
+    replay(first, data, spoil=spoil, ticks=900)
+    assert first.fusion is not None
+    assert second.fusion is not None
+    before, after = first.fusion.faults, second.fusion.faults
+    assert before.uses_joints_only
+    second.adopt(first)
+    assert after.uses_joints_only
+    joints = joints_of(second)
+    for row in range(900, 1200):
+        t = float(data.run.t[row])
+        second.measure(t, data.run.q[row, joints], data.run.qd[row, joints])
+        for place in range(data.gauges.shape[1]):
+            second.sense(place, t, float(data.gauges[row, place]))
+        second.tick(t)
+        assert after.uses_joints_only
+
+
 @pytest.mark.parametrize(
     ('text', 'message'),
     [

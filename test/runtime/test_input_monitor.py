@@ -21,7 +21,7 @@ def fed(monitor: InputMonitor, first: int, last: int, ahead_ns: int = 0) -> int:
     return monitor.accepted - before
 
 
-@pytest.mark.parametrize('ahead', [0.06, 1.0, 1e3])
+@pytest.mark.parametrize('ahead', [0.015, 0.06, 1.0, 1e3])
 def test_a_single_stamp_from_the_future_does_not_shut_out_the_next(ahead: float) -> None:
     monitor = InputMonitor('/topic')
     assert fed(monitor, 0, 50) == 50
@@ -44,6 +44,15 @@ def test_after_a_stamp_from_the_future_no_older_one_than_before_is_taken() -> No
     fed(monitor, 50, 51, 10**12)
     assert fed(monitor, 40, 50) == 0
     assert fed(monitor, 51, 52) == 1
+
+
+def test_a_message_that_another_overtook_is_refused() -> None:
+    monitor = InputMonitor('/topic')
+    assert fed(monitor, 0, 50) == 50
+    arrival = 5.0 + 1e-9 * 51 * PERIOD_NS - 1e-3  # The faster one is ahead of all others.
+    monitor.accept(START_NS + 51 * PERIOD_NS, arrival)
+    with pytest.raises(InputError, match='must not go back'):
+        monitor.accept(START_NS + 50 * PERIOD_NS, arrival)
 
 
 def test_a_message_without_a_stamp_compares_nothing() -> None:

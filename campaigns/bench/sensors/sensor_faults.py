@@ -1,11 +1,12 @@
 """Detection of faulty sensors: false alarms, times to exclusion, errors, and its thresholds.
 
-`python -m campaigns sensors [--count 100] [--sensitivity] [--json FILE]`
+`python -m campaigns sensors [--count 100] [--alarms] [--sensitivity [NAME ...]] [--json FILE]`
 
 A draw is a random motion of an arm that is richer than the observer's model: beams of clamped-free
 shapes, of eight segments, or chains of hinges in MuJoCo, with another stiffness and another load.
 The observer gets the joints and gauges with noise; then one kind of fault after another is laid
-over the gauges. `--sensitivity` halves and doubles each threshold of `FaultTuning`.
+over the gauges, unless only `--alarms` are wanted. `--sensitivity` halves and doubles each
+threshold of `FaultTuning`, or those named.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ import os
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass, fields, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -84,6 +85,7 @@ CASES: dict[str, tuple[tuple[str, float], ...]] = {
     'inverted, ends': (('inverted', 1.0),),
     'both of a link, ends': (('inverted', 1.0), ('inverted', 1.0)),
 }
+THRESHOLDS = tuple(field.name for field in fields(FaultTuning))
 ENDING = tuple(case for case in CASES if case.endswith(', ends'))
 
 Document = dict[str, Any]
@@ -381,7 +383,7 @@ class Trial:
 # campaign ---------------------------------------------------------------------------------------
 
 
-def benchmark(seed: int) -> Document:
+def benchmark(seed: int, cases: Sequence[str] = tuple(CASES)) -> Document:
     """Return the alarms of a draw, and what becomes of each fault."""
     trial = Trial(seed)
     return {
@@ -389,21 +391,21 @@ def benchmark(seed: int) -> Document:
         'robot': trial.scene.robot,
         'truth': trial.scene.truth,
         'alarms': asdict(trial.alarms()),
-        'findings': [asdict(trial.finding(case)) for case in CASES],
+        'findings': [asdict(trial.finding(case)) for case in cases],
     }
 
 
-def variants() -> Iterator[tuple[str, FaultTuning]]:
+def variants(names: Sequence[str] = THRESHOLDS) -> Iterator[tuple[str, FaultTuning]]:
     """Yield the thresholds, and those of which one is halved or doubled, by name."""
     tuning = FaultTuning()
     yield 'as they are', tuning
-    for field in fields(FaultTuning):
+    for name in names:
         for factor in (0.5, 2.0):
-            value = factor * getattr(tuning, field.name)
-            yield f'{field.name} x {factor:g}', replace(tuning, **{field.name: value})
+            value = factor * getattr(tuning, name)
+            yield f'{name} x {factor:g}', replace(tuning, **{name: value})
 
 
-def sensitivity(seed: int) -> Document:
+def sensitivity(seed: int, names: Sequence[str] = THRESHOLDS) -> Document:
     """Return the alarms of a draw, and what becomes of some faults, for each variant."""
     trial, lasting = Trial(seed), [case for case in CASES if case not in ENDING]
     first = seed * SENSITIVITY_CASES
@@ -418,7 +420,7 @@ def sensitivity(seed: int) -> Document:
                 'alarms': asdict(trial.alarms(tuning)),
                 'findings': [asdict(trial.finding(case, tuning)) for case in cases],
             }
-            for name, tuning in variants()
+            for name, tuning in variants(names)
         },
     }
 
@@ -470,7 +472,7 @@ def variant_rows(draws: Sequence[Document]) -> list[Document]:
     """Return the measures by variant of the thresholds."""
     rows = []
     plain = [draw['variants']['as they are'] for draw in draws]
-    for name, _ in variants():
+    for name in draws[0]['variants']:
         own = [draw['variants'][name] for draw in draws]
         alarms = [Alarms(**each['alarms']) for each in own]
         findings = [Finding(**found) for each in own for found in each['findings']]
@@ -501,8 +503,12 @@ def main() -> int:
     parser.add_argument('--count', type=int, default=100, help='draws')
     parser.add_argument('--first', type=int, default=FIRST_SEED, help='the first seed')
     parser.add_argument(
-        '--sensitivity', action='store_true', help='halve and double each threshold'
+        '--alarms', action='store_true', help='healthy sensors only: no faults are laid over them'
     )
+    parser.add_argument(
+        '--sensitivity', nargs='*', choices=THRESHOLDS, metavar='NAME',
+        help='halve and double each threshold, or those named',
+    )  # fmt: skip
     parser.add_argument('--workers', type=int, default=2)
     parser.add_argument('--json', type=Path, help='the results of all draws; it grows with each')
     args = parser.parse_args()
@@ -510,17 +516,21 @@ def main() -> int:
     os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
     context = multiprocessing.get_context('spawn')
     seeds = range(args.first, args.first + args.count)
+    work: Callable[[int], Document] = partial(benchmark, cases=() if args.alarms else tuple(CASES))
+    if args.sensitivity is not None:
+        work = partial(sensitivity, names=args.sensitivity or THRESHOLDS)
     draws: list[Document] = []
     with ProcessPoolExecutor(args.workers, context, os.nice, (NICENESS,)) as pool:
-        for draw in pool.map(sensitivity if args.sensitivity else benchmark, seeds):
+        for draw in pool.map(work, seeds):
             draws.append(draw)
             if args.json is not None:
                 args.json.write_text(json.dumps(draws, indent=1), encoding='utf-8')
-    if args.sensitivity:
+    if args.sensitivity is not None:
         print(text_table(variant_rows(draws)))
         return 0
     print(text_table(alarm_rows(draws)))
-    print(text_table(case_rows(draws)))
+    if not args.alarms:
+        print(text_table(case_rows(draws)))
     false = sum(Alarms(**draw['alarms']).is_false_alarm for draw in draws)
     print(f'false alarms: {false} of {len(draws)} draws')
     return 0 if false <= FALSE_ALARM_SHARE * len(draws) else 1

@@ -227,7 +227,7 @@ def run(motion: str, begin: float, faults: tuple[Fault, ...], unused: tuple[str,
     more['predictor'].update({'strain': 'ignore' if len(unused) > 1 else 'fuse'})
     acting = tuple(replace(fault, begin=START_S + begin) for fault in faults)
     with tempfile.TemporaryDirectory(prefix='relay-') as folder:
-        if len(unused) == 1:  # A message without one of the topic's gauges would be refused.
+        if len(unused) == 1:  # A gauge that messages lack would be reported.
             file = Path(folder) / 'arm.urdf'
             file.write_text(re.sub(rf'<sensor name="{unused[0]}"[^>]*/>', '', ROBOT.read_text()))
             more['predictor']['urdf_path'] = str(file)

@@ -6,8 +6,6 @@ import math
 from collections import Counter
 from collections.abc import Sequence
 
-from denoc_ros.estimation.stamp_clock import AHEAD_S
-
 MOST_JOINTS = 256  # in one message: names are read one by one
 LONGEST_TEXT = 500  # characters of a refusal: what came may be megabytes
 SILENCE = 2.0  # s without a message after which a publisher counts as silent
@@ -132,7 +130,8 @@ class InputMonitor:
         self._last_stamp: int | None = None
         self._last_time = self._time_before = -math.inf
         self._offset = math.inf  # s from the stamp of the fastest message to its arrival
-        self._before_jump = 0  # stamp before a single one from the future; 0: none [ns]
+        self._before_jump = 0  # stamp before one that is ahead of all others; 0: none [ns]
+        self._lead = 0.0  # s by which that one is ahead
 
     def check_publishers(self, count: int) -> None:
         """Refuse all messages while too many publishers are active: the right one is unknown."""
@@ -156,10 +155,11 @@ class InputMonitor:
         if stamp_ns is None:
             stamp_ns = last
         else:
+            offset = now - 1e-9 * stamp_ns
             if last is not None and stamp_ns <= last:
-                self._require_new(stamp_ns, last)
+                self._require_new(stamp_ns, last, offset)
             if stamp_ns:
-                self._compare(now - 1e-9 * stamp_ns)
+                self._compare(offset)
         self._last_stamp = stamp_ns
         self._time_before, self._last_time = self._last_time, now
         self.accepted += 1
@@ -170,10 +170,12 @@ class InputMonitor:
         if not passed:
             self._last_time = self._time_before
 
-    def _require_new(self, stamp_ns: int, last: int) -> None:
+    def _require_new(self, stamp_ns: int, last: int, offset: float) -> None:
         """Refuse a stamp that is not later than the last one; 0 may come again."""
         if stamp_ns < last:
-            if stamp_ns > self._before_jump > 0:
+            # Of two stamps that contradict each other, the one that continues those before is
+            # right. A message that another one overtook is late by more than that one was ahead.
+            if stamp_ns > self._before_jump > 0 and offset - self._offset < self._lead:
                 return
             raise InputError(
                 'backwards_stamp',
@@ -188,9 +190,9 @@ class InputMonitor:
 
         `offset` is by how much the moment of arrival is ahead of the stamp [s].
         """
-        known = self._offset < math.inf
-        jumps = known and offset < self._offset - AHEAD_S and not self._before_jump
-        self._before_jump = self._last_stamp or 0 if jumps else 0
+        lead = self._offset - offset
+        jumps = 0.0 < lead < math.inf and not self._before_jump
+        self._before_jump, self._lead = (self._last_stamp or 0, lead) if jumps else (0, 0.0)
         if not jumps:
             self._offset = min(offset, self._offset)
 
@@ -214,4 +216,4 @@ class InputMonitor:
         self._last_stamp = None
         self._last_time = self._time_before = -math.inf
         self._offset = math.inf
-        self._before_jump = 0
+        self._before_jump, self._lead = 0, 0.0

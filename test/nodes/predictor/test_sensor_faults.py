@@ -118,6 +118,21 @@ def test_inverted_gauge_is_named_and_excluded_until_it_agrees(graph: Any) -> Non
     assert graph.value('predictor: fusion', f'{INVERTED} trusted') == 'yes'
 
 
+def test_a_message_without_one_gauge_gives_the_others(graph: Any) -> None:
+    arm = SimulatedArm(graph, truth('exact', END_S))
+    node = predictor(graph)
+    arm.until_listened(node)
+    assert arm.run(MENDED_S, {INVERTED: math.nan}).max() <= FAULTY_FACTOR * ERROR_FLOOR
+    missing, *others = (counts['accepted'] for counts in node.observer.fusion.counts)
+    assert missing < 10  # of the messages before the motion
+    assert min(others) > 0.8 * MENDED_S * RATE
+    monitor = next(each for each in node.monitors if each.topic == '/strain')
+    assert monitor.rejected['non_finite'] == round(MENDED_S * RATE)
+    graph.until(
+        lambda: INVERTED in getattr(graph.diagnostics.get('predictor: inputs'), 'message', '')
+    )
+
+
 def test_infinite_patience_never_uses_an_excluded_gauge_again(graph: Any) -> None:
     arm = SimulatedArm(graph, truth('exact', END_S))
     node = predictor(graph, fusion__patience=math.inf)

@@ -153,9 +153,8 @@ class CommandedNode:
         for k in range(TICKS):
             now = k / RATE
             while place < len(messages) and messages[place].arrival <= now + 1e-9:
-                message, before = messages[place], bench.refused
-                bench.give(*self.encode(message), message.arrival)
-                refused += message.faulty and bench.refused > before
+                message = messages[place]
+                refused += bench.give(*self.encode(message), message.arrival) and message.faulty
                 place += 1
             bench.tick(now)
             if (left := self.output()) is not None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import cache
@@ -145,10 +146,14 @@ class HandFedNode:
         self.sent.clear()
         self._inputs = {each.monitor.topic: each for each in node._inputs}
 
-    def give(self, topic: str, raw: bytes, arrival: float) -> None:
-        """Hand a message over that came at a time [s]."""
+    def give(self, topic: str, raw: bytes, arrival: float) -> int:
+        """Hand a message over that came at a time [s]; return how many are refused for it."""
         self.clock.moment_now = arrival
-        self._inputs[topic]._give(raw, arrival)
+        one = self._inputs[topic]
+        rejected: Counter[str] = one.monitor.rejected
+        before = rejected.total()
+        one._give(raw, arrival)
+        return rejected.total() - before
 
     def tick(self, now: float) -> None:
         """Call the tick of a time [s]; a failure counts as in the loop."""
@@ -170,11 +175,6 @@ class HandFedNode:
 
     def says_ok(self) -> bool:
         return all(status.level == OK for status in self.statuses())
-
-    @property
-    def refused(self) -> int:
-        """Messages that were refused."""
-        return sum(monitor.rejected.total() for monitor in self.node.monitors)
 
     def close(self) -> None:
         self.node.end()

@@ -51,6 +51,7 @@ SOURCES = Sources(GAUGES, (JOINTS,), len(NAMES))
 # bounds of the laws
 DETECTION_S = 1.0  # in which a fault may act before it is found
 CLEAR_SIGMAS = 5.0  # from the truth: what counts as a difference
+CLEAR_S = 0.5  # of that time, in total: a sensor that soon agrees is not judged
 # Standard deviation of a value by the model's errors, as a share of it: a sensor that differs by
 # less than 30 % may be right, and the stiffness or the load wrong.
 MODEL_SHARE = 0.06
@@ -121,7 +122,7 @@ def truth(name: str, end: float = END) -> Truth:
     if not exact:
         robot = robot.with_overrides(softer(robot))
     robot.set_payload('tool', PAYLOAD if exact else 1.2 * PAYLOAD)
-    path = CycloidalTrajectory(np.zeros(3), np.array(angles) / period, np.full(3, period))
+    path = CycloidalTrajectory(TURNED, np.array(angles) / period, np.full(3, period))
 
     def wanted(t: float) -> tuple[Array, Array, Array]:
         q, qd, qdd = np.zeros((3, 3))
@@ -131,7 +132,7 @@ def truth(name: str, end: float = END) -> Truth:
     data = recorded(robot, wanted, end + 2.0 * STEP)
     joints = robot.joint_indices
     at = data.run.t
-    motion = np.hstack([data.run.q[:, joints] + TURNED, data.run.qd[:, joints]])
+    motion = np.hstack([data.run.q[:, joints], data.run.qd[:, joints]])
 
     def signal(columns: Array) -> Callable[[Array], Array]:
         def values(times: Array) -> Array:
@@ -192,10 +193,10 @@ class PredictorFaults:
         for k in range(ticks):
             now = k / RATE
             while place < len(messages) and messages[place].arrival <= now + 1e-9:
-                message, before = messages[place], bench.refused
-                self._give(bench, message)
-                refused[message.channel] += bench.refused - before
-                spoilt += not message.faulty and bench.refused > before
+                message = messages[place]
+                count = self._give(bench, message)
+                refused[message.channel] += count
+                spoilt += not message.faulty and count > 0
                 place += 1
             bench.tick(now)
             sent = bench.sent
@@ -214,15 +215,16 @@ class PredictorFaults:
                 refused[gauge] += counts.total() - counts['accepted']
         return Outcome(deflection, pose, reports, refused, spoilt, node._tick_guard.last)
 
-    def _give(self, bench: HandFedNode, message: Message) -> None:
+    def _give(self, bench: HandFedNode, message: Message) -> int:
+        """Hand a message over; return how many messages are refused for it."""
         if message.channel == JOINTS:
             topic, names = 'joint_states', list(NAMES)
         elif bench is self.alone:
-            return
+            return 0
         else:
             topic, names = f'/{message.channel}', [message.channel]
         raw = joint_state_bytes(names, message.stamp, message.position, message.velocity)
-        bench.give(topic, raw, message.arrival)
+        return bench.give(topic, raw, message.arrival)
 
     # ---- laws
 
@@ -337,13 +339,16 @@ def _silent(found: Outcome, true: Truth, draw: Draw, usual: float) -> Iterator[s
 
 
 def _clear_since(true: Truth, gauge: str, good: list[Message], faulty: list[Message]) -> float:
-    """Return when a gauge has differed clearly for the first time while the joints move [s]."""
+    """Return since when a gauge has differed clearly while the joints move [s]."""
     right = {message.stamp: message.position[0] for message in good}
+    interval, total = faulty[1].stamp - faulty[0].stamp, 0.0
     for message in faulty:
         if not message.faulty or true.still[round(message.stamp / STEP)]:
             continue
         expected = right[message.stamp]
         deviation = np.hypot(true.noise[gauge], MODEL_SHARE * expected)
         if abs(message.position[0] - expected) > CLEAR_SIGMAS * deviation:
-            return message.stamp
+            total += interval
+            if total > CLEAR_S - 0.5 * interval:
+                return message.stamp - CLEAR_S
     return np.inf

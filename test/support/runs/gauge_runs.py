@@ -103,9 +103,10 @@ def recorded(
 
     laws = {joint: of(k) for k, joint in enumerate(robot.joint_names)}
     times = np.arange(0.0, end, step)
-    zero = np.zeros(robot.n)
+    start, rest = np.zeros((2, robot.n))
+    start[robot.joint_indices] = wanted(0.0)[0]
     run = dn.simulate(
-        robot, zero, zero, times, prescribed=laws, rtol=rtol, atol=0.01 * rtol, method=method
+        robot, start, rest, times, prescribed=laws, rtol=rtol, atol=0.01 * rtol, method=method
     )
     accelerations = np.empty_like(run.q)
     accelerations[:, robot.joint_indices] = [wanted(t)[2] for t in times]
