@@ -161,9 +161,14 @@ def main(arguments: Sequence[str]) -> int:
     return 1
 
 
+def import_paths() -> list[str]:
+    """Return the folders that campaigns and their processes import from."""
+    return [str(ROOT / folder) for folder in FOLDERS]
+
+
 def environment(row: Campaign) -> dict[str, str]:
     """Return the environment of a campaign: this process's, with paths and settings."""
-    paths = [str(ROOT / folder) for folder in FOLDERS]
+    paths = import_paths()
     paths += filter(None, [os.environ.get('PYTHONPATH')])
     return {
         **SETTINGS,

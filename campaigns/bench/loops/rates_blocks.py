@@ -16,6 +16,7 @@ from zlib import crc32
 
 import numpy as np
 from bench.loops.journal import HEAD, Entries, read
+from campaign_table import import_paths
 from mcap.reader import make_reader
 from numpy.typing import NDArray
 from ros_domains import claimed_domain
@@ -399,9 +400,7 @@ class Bench:
 @contextmanager
 def domain() -> Iterator[dict[str, str]]:
     """Claim a ROS domain for this process and, as environment, for its children."""
-    root = Path(__file__).resolve().parents[3]
-    folders = (root / 'campaigns', root / 'test', root / 'test' / 'support')
-    paths = [*map(str, folders), os.environ.get('PYTHONPATH', '')]
+    paths = [*import_paths(), os.environ.get('PYTHONPATH', '')]
     with claimed_domain() as claimed:
         given = {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST', 'ROS_DOMAIN_ID': str(claimed)}
         before = {key: os.environ.get(key) for key in given}

@@ -43,7 +43,7 @@ nodes:
   predictor: {update_rate: 200}
   feedforward: {update_rate: 200}
 # The plant drifts while nobody commands it: the harm is to be found, and not the drift.
-plant: {position_limit: 1000.0}
+plant: {position_margin: 1000.0}
 phases: [{name: first}, {name: second, feedforward: {model: rigid}}, {name: third}]
 """
 

@@ -17,6 +17,7 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
+from campaign_table import import_paths
 from rcl_interfaces.msg import ParameterValue
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
@@ -432,8 +433,7 @@ def test_a_minute_of_siege_breaks_no_law(tmp_path: Path) -> None:
     command = [sys.executable, '-m', 'trust.sieges.siege', '--minutes', '0.9', '--scene', 'links']
     command += ['--seed', '4', '--slack', '1', '--shrink', '0', '--json', str(told)]
     command += ['--failed', str(tmp_path / 'failed.json')]
-    paths = (ROOT / 'campaigns', ROOT / 'test', ROOT / 'test' / 'support')
-    environment = {**os.environ, 'PYTHONPATH': os.pathsep.join(map(str, paths))}
+    environment = {**os.environ, 'PYTHONPATH': os.pathsep.join(import_paths())}
     done = subprocess.run(
         command, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=BOUND
     )
