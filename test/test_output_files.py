@@ -15,6 +15,7 @@ from denoc_ros.bags.writer import BagWriter
 from denoc_ros.cli.main import main
 from denoc_ros.errors import BagError, ConfigError, DenocError
 from denoc_ros.output_files import require_new, whole_file, write_new, write_text
+from denoc_ros.parts import PARTS
 
 ROBOT = 'config/robots/single_link.urdf'
 SCENARIO = 'config/scenarios/single_link.yaml'
@@ -106,6 +107,7 @@ def commands(folder: Path) -> dict[str, list[str]]:
     }
 
 
+@pytest.mark.parts(*PARTS)
 def test_a_full_disk_leaves_no_stub_of_any_command(
     tmp_path: Path,
     repository: Path,

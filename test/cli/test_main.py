@@ -100,7 +100,7 @@ def test_status_of_a_verb_is_the_exit_status(monkeypatch: pytest.MonkeyPatch) ->
 
 
 def test_bad_usage_is_bad_input(capsys: pytest.CaptureFixture[str]) -> None:
-    assert frame.main(['report']) == 1
+    assert frame.main(['replay']) == 1
     assert 'the following arguments are required' in capsys.readouterr().err
     assert frame.main(['nothing']) == 1
 

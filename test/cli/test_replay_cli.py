@@ -20,6 +20,7 @@ ROBOT = Path(__file__).resolve().parents[2] / 'config' / 'robots' / 'two_link_ff
 UPRIGHT = ['--gravity', '0', '-9.81', '0']
 
 
+@pytest.mark.parts('reports')
 def test_bag_page_and_numbers_come_out(
     simulated_bag: SimulatedBag,
     tmp_path: Path,
@@ -50,6 +51,7 @@ def test_bag_page_and_numbers_come_out(
     assert 'output must not exist yet' in capsys.readouterr().err
 
 
+@pytest.mark.parts('reports')
 def test_table_shows_each_joint_and_what_if_changes_it(
     simulated_bag: SimulatedBag, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -163,6 +165,7 @@ def test_a_table_that_cannot_be_replayed_is_refused(
     assert re.search(message, capsys.readouterr().err)
 
 
+@pytest.mark.parts('reports')
 def test_run_s_directory_says_its_gravity(
     simulated_bag: SimulatedBag, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
