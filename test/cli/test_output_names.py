@@ -30,6 +30,7 @@ def test_page_takes_a_free_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     assert unused(Path('run_0.5s.html')) == Path('run_0.5s_3.html')
 
 
+@pytest.mark.parts('identification')
 def test_result_that_is_replaced_is_told(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

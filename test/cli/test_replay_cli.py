@@ -98,6 +98,7 @@ def write_joint_table(bag: Path, path: Path, pattern: str, separator: str = ',')
         ),
     ],
 )
+@pytest.mark.parts('identification')
 def test_a_table_gives_what_its_bag_gives(
     simulated_bag: SimulatedBag,
     tmp_path: Path,
@@ -150,6 +151,7 @@ def test_a_table_gives_what_its_bag_gives(
         ),
     ],
 )
+@pytest.mark.parts('identification')
 def test_a_table_that_cannot_be_replayed_is_refused(
     simulated_bag: SimulatedBag,
     tmp_path: Path,

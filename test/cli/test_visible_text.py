@@ -113,6 +113,7 @@ def test_no_verb_prints_a_control_character_of_a_file(
     assert not HARMFUL.search(said.out + said.err), ascii(said.out + said.err)
 
 
+@pytest.mark.parts('identification')
 def test_a_harmful_name_is_shown_escaped(bag: Path, capfd: pytest.CaptureFixture[str]) -> None:
     assert main(['identify', 'info', str(bag)]) in (0, 1, 2)
     assert r'\x1b]0;owned\x07\x1b[31m' in capfd.readouterr().out

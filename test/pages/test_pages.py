@@ -98,6 +98,7 @@ def test_page_of_a_swing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> 
     assert '<h2>Which terms matter</h2>' in page
 
 
+@pytest.mark.parts('identification')
 def test_page_of_a_forced_response(tmp_path: Path) -> None:
     t = np.arange(500) * 0.005
     draw = np.random.default_rng(5)

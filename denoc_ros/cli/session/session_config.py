@@ -12,10 +12,13 @@ from typing import Any
 from denoc_ros.errors import ConfigError
 from denoc_ros.model.numbers import FAMILIES
 from denoc_ros.model.reading.mapping_reader import MappingReader, are_numbers, is_number
+from denoc_ros.parts import nodes as known_nodes
 from denoc_ros.yaml_text import YamlError, load_yaml, read_yaml_file
 
 REAL, SIMULATED, AUTO = TIMES = ('real', 'simulated', 'auto')
-NODES = ('plant', 'feedforward', 'predictor', 'recorder', 'viewer', 'shaper')
+ALL_NODES = ('plant', 'feedforward', 'predictor', 'recorder', 'viewer', 'shaper')
+# A node of a part that is not there is no node of a session.
+NODES = tuple(name for name in ALL_NODES if name in known_nodes())
 WHEN_ASKED = ('viewer', 'shaper')  # started only where the file has them
 OF_ROBOTS = ('plant', 'feedforward', 'predictor', 'shaper')
 KEYS = (
@@ -193,7 +196,11 @@ class _Checker(MappingReader):
         self.only('the configuration', raw, KEYS)
         plant = flatten(self.mapping('plant', raw.get('plant')))
         listed = self.mapping('nodes', raw.get('nodes'))
-        without = frozenset(n for n in NODES if listed.get(n, n not in WHEN_ASKED) is False)
+        without = frozenset(
+            name
+            for name in ALL_NODES
+            if name not in NODES or listed.get(name, name not in WHEN_ASKED) is False
+        )
         nodes = self._nodes('nodes', {k: v for k, v in listed.items() if k not in without})
         nodes['plant'] = {**nodes.get('plant', {}), **_split(plant, FAMILIES)[1]}
         if scene := nodes['plant'].get('scene'):

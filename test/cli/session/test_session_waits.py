@@ -173,6 +173,7 @@ def said(doing: str, planned: int = 0, refused: int = 0, message: str = 'ok') ->
     return {'': message, 'doing': doing, **counts}
 
 
+@pytest.mark.parts('planning')
 def test_a_session_waits_for_a_late_plan_and_for_the_end_of_its_motion(run: Any) -> None:
     def tell(now: float) -> dict[str, str]:
         if now < 20.0:
@@ -184,12 +185,14 @@ def test_a_session_waits_for_a_late_plan_and_for_the_end_of_its_motion(run: Any)
     assert client.ended > 30.0
 
 
+@pytest.mark.parts('planning')
 def test_a_motion_that_is_refused_is_told(run: Any, capsys: pytest.CaptureFixture[str]) -> None:
     client = run(lambda now: said('waiting', refused=int(now > 0.5), message='not shaped: jerk'))
     assert client.ended < 5.0
     assert 'shaper: not shaped: jerk' in capsys.readouterr().err
 
 
+@pytest.mark.parts('planning')
 def test_a_motion_that_is_never_planned_ends_the_session(run: Any) -> None:
     with pytest.raises(ProcessError, match=r'plan the motion within 60 s, got none.*such joint'):
         run(lambda now: said('waiting'))
@@ -232,6 +235,7 @@ def test_a_motion_that_begins_before_the_plant_is_back_begins_anew(
         run(lambda _now: {'': 'no reference yet'}, text, putting_back=5 * [20.0])
 
 
+@pytest.mark.parts('planning')
 def test_nothing_moves_beside_the_nodes_of_another_session(run: Any) -> None:
     with pytest.raises(DenocError, match='got /plant'):
         run(lambda now: said('waiting', planned=int(now > 1.0)), others='got /plant')
@@ -293,6 +297,7 @@ def test_a_wait_ends_at_its_time(monkeypatch: pytest.MonkeyPatch) -> None:
     assert clock.now < session_time.DISPUTED_TIME_S
 
 
+@pytest.mark.parts('feedback')
 def test_a_motion_begins_when_its_feedback_has_gains(run: Any) -> None:
     def tell(now: float) -> dict[str, str]:
         return {'': 'ok', 'designs': '1', 'designing': str(now < 40.0)}
@@ -307,6 +312,7 @@ def test_a_motion_begins_when_its_feedback_has_gains(run: Any) -> None:
     assert client.done[begin:] == ['phase', '/plant/reset', *again]
 
 
+@pytest.mark.parts('feedback')
 def test_a_session_goes_on_without_gains(run: Any, capsys: pytest.CaptureFixture[str]) -> None:
     told = {'': 'ok', 'designs': '1', 'designing': 'True'}
     client = run(lambda _: told, FED_BACK, ['joint_1', 'joint_2', 'joint_3'])

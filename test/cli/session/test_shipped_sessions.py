@@ -21,7 +21,7 @@ SESSIONS = (
     'ssrms',
     'ssrms_10t',
     'ssrms_fusion',
-    'tip',
+    pytest.param('tip', marks=pytest.mark.parts('planning', 'feedback')),
     'ur10',
 )
 
