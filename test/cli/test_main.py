@@ -139,7 +139,12 @@ def test_closed_pipe_is_quiet() -> None:
 @pytest.mark.long_cases('up-config/tip.yaml-rclpy')
 @pytest.mark.parametrize(
     ('verb', 'robot', 'lacks'),
-    [('up', 'config/tip.yaml', 'rclpy'), ('view', 'config/robots/canadarm.urdf', 'viser')],
+    [
+        ('up', 'config/tip.yaml', 'rclpy'),
+        pytest.param(
+            'view', 'config/robots/canadarm.urdf', 'viser', marks=pytest.mark.parts('viewer')
+        ),
+    ],
 )
 def test_a_verb_whose_extra_is_missing_says_which(
     repository: Path, verb: str, robot: str, lacks: str
