@@ -123,6 +123,7 @@ def test_a_bad_setting_is_refused(folder: Path, setting: str) -> None:
         load_config(folder / 'good.yaml', [setting])
 
 
+@pytest.mark.parts('viewer')
 def test_the_viewer_is_started_only_where_the_file_has_it(folder: Path) -> None:
     assert 'viewer' in load_config(folder / 'good.yaml').without
     for setting, started in (('{}', True), ('{port: 0}', True), ('false', False)):
