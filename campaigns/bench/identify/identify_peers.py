@@ -46,7 +46,7 @@ def truth(start: dn.Robot) -> dn.Robot:
     parameters = FreeParameters(start, ['link.*.inertial'])
     theta = np.random.default_rng(4).normal(0.0, 0.1, parameters.size)
     damping = zip(start.joint_names, DAMPING.tolist(), strict=True)
-    true = parameters.robot_at(parameters.settings(theta))
+    true: dn.Robot = parameters.robot_at(parameters.settings(theta))
     return true.with_overrides({f'joint.{name}.damping': value for name, value in damping})
 
 

@@ -94,7 +94,7 @@ def true_point(case: TruthCase, parameters: FreeParameters) -> Array:
     """Return where the truth is (p,), in coordinates that know the recording's sizes."""
     drawn = case.parameters
     values = dict(zip(drawn.paths, drawn.values(case.theta), strict=True))
-    theta = parameters.point(values)
+    theta: Array = parameters.point(values)
     theta[len(drawn.numbers) :] = case.theta[len(drawn.numbers) :]
     return theta
 
