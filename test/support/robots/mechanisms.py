@@ -46,4 +46,5 @@ START = {
 def mechanism(table: str, kind: str, modes: int = 2, shape: str = 'clamped-free') -> str:
     """URDF text of a mechanism of the book; its kind is spelled as there."""
     system = load_system(CONFIG / 'dh' / f'{table}.yaml', kinds=KINDS[table, kind])
-    return urdf_text(replace(system, modes=modes, shape=shape))
+    text: str = urdf_text(replace(system, modes=modes, shape=shape))
+    return text

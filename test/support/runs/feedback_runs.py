@@ -248,7 +248,8 @@ class Loop:
     def _readings(self, q: Array, qd: Array, qdd: Array) -> Array:
         """Return what the truth's sensors measure (sensors,)."""
         if isinstance(self._plant, MujocoRobot):
-            return self._plant.sensor_values()
+            values: Array = self._plant.sensor_values()
+            return values
         return self.truth.sensor_values(q, qd, qdd if self._by_moments else None)
 
     def _touched(self, q: Array, qd: Array) -> Array | float:
@@ -267,7 +268,8 @@ class Loop:
         at = truth.static_deflection(start)
         if self.hinges:
             chosen = MujocoSettings(self.hinges, static=False)
-            return MujocoRobot(truth, truth.tree, step, at, drives, chosen)
+            chain: SimulatedRobot = MujocoRobot(truth, truth.tree, step, at, drives, chosen)
+            return chain
         simulated = ModalRobot(truth, step, at, drives)
         if truth.coordinate_names == plan.robot.coordinate_names:
             simulated.q[:], simulated.qd[:] = plan.q[0], plan.qd[0]
