@@ -118,8 +118,10 @@ def run(args: argparse.Namespace) -> VerbResult:
         **summarize(replay),
         'bag': str(bag),
     }
-    told = [*lines(summary, error_rows(summary))]
-    if reports := optional('reports.replay_page'):
+    reports = optional('reports.replay_page')
+    if reports is None:
+        told = [*lines(summary, error_rows(summary))]
+    else:
         report = args.report or unused(output.with_name(f'{recording_name(output)}.html'))
         name = Path(args.robot).name if args.robot else 'the one in the bag'
         sources = {'bag': named_file(bag), 'robot': named_text(name, robot.tree.source)}

@@ -10,14 +10,15 @@ from denoc_ros.dynamics.driven.torque_feedforward import TorqueFeedforward
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.feedback.live_state_feedback import LiveStateFeedback
 from denoc_ros.feedback.strain_feedback import StrainFeedback
+from denoc_ros.runtime.feedback_law import FeedbackLaw
 from denoc_ros.runtime.loop.status import Status
 from denoc_ros.runtime.parameters.parameter_table import Settings
 from denoc_ros.runtime.reference.reference import ReferenceFollower
 from denoc_ros.types import Array
 
 
-class LiveFeedback:
-    """Feedback by `feedback.*`, as :class:`denoc_ros.runtime.feedback_law.FeedbackLaw`.
+class LiveFeedback(FeedbackLaw):
+    """Feedback by the parameters `feedback.*`.
 
     Parameters
     ----------

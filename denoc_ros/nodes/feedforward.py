@@ -195,7 +195,7 @@ class FeedforwardNode(RobotNode):
     ) -> None:
         posture = self.posture(robot, settings)
         self.feedback.build(robot, self.joints, settings, limits, posture, patience)
-        if self.feedback.needs_watch and not self._watches:
+        if self.feedback.law.needs_watch and not self._watches:
             self._watches = True
             # ticks of simulated time watch by themselves: they wait for the gains
             if not self.clock.is_simulated:
@@ -212,9 +212,9 @@ class FeedforwardNode(RobotNode):
         if self.state != 'active':
             return
         if self.follower.given:
-            self.feedback.watch(self.follower, self.q)
+            self.feedback.law.watch(self.follower, self.q)
         elif self.joint_input.received:
-            self.feedback.watch(self.follower, self.motion.position)
+            self.feedback.law.watch(self.follower, self.motion.position)
 
     # ---- inputs: what is stored here, the tick consumes
 
@@ -290,7 +290,7 @@ class FeedforwardNode(RobotNode):
 
     def cleanup(self) -> None:
         """End the process that designs gains."""
-        self.feedback.close()
+        self.feedback.law.close()
 
     def begin(self) -> None:
         """Start from rest: nothing is known and nothing has left."""
@@ -314,7 +314,7 @@ class FeedforwardNode(RobotNode):
         self.safe.end()
         self.base.begin()
         self.torque.reset()
-        self.feedback.begin()
+        self.feedback.law.begin()
 
     def activate(self) -> None:
         """Start the loop, unless messages are the clock."""
@@ -352,10 +352,10 @@ class FeedforwardNode(RobotNode):
             self.safe.end()
             if self._fresh:
                 self._start_torque(now)
-            if self.feedback.wanted:
+            if self.feedback.law.wanted:
                 torque = self.feedback.add(torque, *self._plan())
             left = self.limiter.apply(torque)
-            self.feedback.applied(left)
+            self.feedback.law.applied(left)
             self._publish(is_following=True)
             if self.wrench is not None:
                 self.wrench.send(self._stamp_of(self._tick_time), self.torque.source)
@@ -379,7 +379,7 @@ class FeedforwardNode(RobotNode):
     @property
     def holds_time(self) -> bool:
         """Whether gains of the feedback are in work."""
-        return self.feedback.busy
+        return self.feedback.law.busy
 
     @property
     def sent(self) -> int:
@@ -459,7 +459,7 @@ class FeedforwardNode(RobotNode):
             self.q[:] = self.carrying.posture
             self.qd[:] = self.qdd[:] = 0.0
             left = self.limiter.apply(torque)
-            self.feedback.applied(left)
+            self.feedback.law.applied(left)
             self._publish()
 
     def rescue(self) -> bool:
@@ -472,7 +472,7 @@ class FeedforwardNode(RobotNode):
 
     def come_to_rest(self) -> None:
         """Go to the safe command, then say it again."""
-        self.feedback.stop()
+        self.feedback.law.stop()
         if self.by_message:
             return
         self.feedback.rest()
@@ -549,7 +549,7 @@ class FeedforwardNode(RobotNode):
 
     def save(self) -> None:
         """Leave no process behind, whatever hangs."""
-        self.feedback.close()
+        self.feedback.law.close()
 
     # ---- diagnostics
 
@@ -565,7 +565,7 @@ class FeedforwardNode(RobotNode):
             more['synchronous'] = self.phase.is_steady
         restarts, now = self.torque.restarts, self.clock.now()
         status = self._said.status(self._cause, self.limiter, restarts, now, more)
-        return [status, self.motion.status(), *self.feedback.statuses()]
+        return [status, self.motion.status(), *self.feedback.law.statuses()]
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

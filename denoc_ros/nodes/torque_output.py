@@ -26,12 +26,10 @@ from denoc_ros.nodes.base.messages import (
 )
 from denoc_ros.nodes.base.robot_node import RobotNode
 from denoc_ros.nodes.sensor_inputs import SEARCH_PERIOD, SensorInputs
-from denoc_ros.runtime.feedback_law import FeedbackLaw, feedback_law
+from denoc_ros.runtime.feedback_law import feedback_law
 from denoc_ros.runtime.inputs.joint_gate import JointSample
 from denoc_ros.runtime.inputs.message_numbers import MessageFiller, Numbers
-from denoc_ros.runtime.loop.status import Status
 from denoc_ros.runtime.parameters.parameter_table import Settings
-from denoc_ros.runtime.reference.reference import ReferenceFollower
 from denoc_ros.types import Array
 
 
@@ -45,7 +43,7 @@ class TorqueFeedback:
 
     Attributes
     ----------
-    law : FeedbackLaw or None
+    law : FeedbackLaw
     """
 
     def __init__(self, node: RobotNode) -> None:
@@ -70,8 +68,6 @@ class TorqueFeedback:
         ConfigError, StateError
             As of :meth:`FeedbackLaw.build`.
         """
-        if self.law is None:
-            return
         before = self.law.wanted
         self.law.build(robot, joints, settings, limits, posture, patience)
         if not self.law.wanted:
@@ -85,39 +81,9 @@ class TorqueFeedback:
             self._sensors.queue.clear()  # of a time in which nobody listened
         self._sensors.update(robot.tree)
 
-    @property
-    def wanted(self) -> bool:
-        """Whether there is a feedback, or one that fades."""
-        return self.law is not None and self.law.wanted
-
-    @property
-    def needs_watch(self) -> bool:
-        """Whether `watch` must be called."""
-        return self.law is not None and self.law.needs_watch
-
-    @property
-    def busy(self) -> bool:
-        """Whether gains are in work."""
-        return self.law is not None and self.law.busy
-
-    def watch(self, follower: ReferenceFollower, position: Array) -> None:
-        """Show the feedback the motion to come; `position` (joints,) is wanted or is."""
-        if self.law is not None:
-            self.law.watch(follower, position)
-
-    def stop(self) -> None:
-        """Drop a design in work."""
-        if self.law is not None:
-            self.law.stop()
-
-    def close(self) -> None:
-        """End the process that designs."""
-        if self.law is not None:
-            self.law.close()
-
     def take_joints(self, sample: JointSample) -> None:
         """Take measured joints."""
-        if self.law is None or not self.law.wanted:
+        if not self.law.wanted:
             return
         if sample.restarts:
             self.law.begin()
@@ -131,50 +97,35 @@ class TorqueFeedback:
         if self._sensors is not None:
             self._sensors.search()
 
-    def begin(self) -> None:
-        """Start anew."""
-        if self.law is not None:
-            self.law.begin()
-
     def add(
         self, torque: Array, source: TorqueFeedforward, wanted: Array, now: float, lead: float
     ) -> Array:
         """Return a torque (n,) with the feedback; arguments of :meth:`FeedbackLaw.torque`."""
-        if self.law is None or not self.law.wanted:
+        if not self.law.wanted:
             return torque
-        self._take_values(self.law)
+        self._take_values()
         return self.law.torque(torque, source, wanted, now, lead)
 
     def wait(
         self, torque: Array, source: TorqueFeedforward, wanted: Array, now: float, lead: float
     ) -> None:
         """Go on with the estimate in a tick in which another torque leaves; arguments as `add`."""
-        if self.law is not None and self.law.wanted:
-            self._take_values(self.law)
+        if self.law.wanted:
+            self._take_values()
             self.law.wait(torque, source, wanted, now, lead)
-
-    def applied(self, left: Array) -> None:
-        """Take the torque (n,) that left after all limits."""
-        if self.law is not None:
-            self.law.applied(left)
 
     def rest(self) -> None:
         """Let go: something else than the plan leaves."""
-        if self.law is not None:
-            if self.law.wanted:
-                self._take_values(self.law)
-            self.law.rest()
+        if self.law.wanted:
+            self._take_values()
+        self.law.rest()
 
-    def _take_values(self, law: FeedbackLaw) -> None:
+    def _take_values(self) -> None:
         """Pass on the values of the sensors."""
         assert self._sensors is not None
         queue = self._sensors.queue
         while queue:
-            law.take_sensor(*queue.popleft())
-
-    def statuses(self) -> list[Status]:
-        """State of the feedback, if it is wanted."""
-        return [] if self.law is None else self.law.statuses()
+            self.law.take_sensor(*queue.popleft())
 
 
 class ImpedanceOutput:

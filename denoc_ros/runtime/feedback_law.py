@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Protocol
 
 from denoc_ros.dynamics.driven.torque_feedforward import TorqueFeedforward
 from denoc_ros.dynamics.robot import Robot
@@ -14,8 +13,10 @@ from denoc_ros.runtime.reference.reference import ReferenceFollower
 from denoc_ros.types import Array
 
 
-class FeedbackLaw(Protocol):
+class FeedbackLaw:
     """Torque that is added to that of a plan, from measured joints and sensors.
+
+    This class adds none; the part feedback extends it.
 
     `build`, `watch`, `stop` and `close` are called beside the loop, all others in the loop.
     """
@@ -23,14 +24,17 @@ class FeedbackLaw(Protocol):
     @property
     def wanted(self) -> bool:
         """Whether the parameters ask for feedback, or earlier feedback still acts."""
+        return False
 
     @property
     def needs_watch(self) -> bool:
         """Whether `watch` must be called."""
+        return False
 
     @property
     def busy(self) -> bool:
         """Whether gains are in work."""
+        return False
 
     def build(
         self, robot: Robot, joints: Sequence[str], settings: Settings, limits: Array,
@@ -84,6 +88,7 @@ class FeedbackLaw(Protocol):
         now, lead : float
             Time of the tick, steady clock [s], and how far ahead the plan is.
         """
+        return torque
 
     def wait(
         self, torque: Array, source: TorqueFeedforward, wanted: Array, now: float, lead: float
@@ -102,10 +107,11 @@ class FeedbackLaw(Protocol):
 
     def statuses(self) -> list[Status]:
         """State of the feedback, if it is wanted."""
+        return []
 
 
-def feedback_law(name: str, in_hurry: bool = True) -> FeedbackLaw | None:
-    """Return the feedback law of a node, None where the part feedback is not there.
+def feedback_law(name: str, in_hurry: bool = True) -> FeedbackLaw:
+    """Return the feedback law of a node: none acts where the part feedback is not there.
 
     Parameters
     ----------
@@ -115,4 +121,5 @@ def feedback_law(name: str, in_hurry: bool = True) -> FeedbackLaw | None:
         Whether ticks are held to time; those of simulated time are not.
     """
     part = optional('feedback.live_feedback')
-    return None if part is None else part.LiveFeedback(name, in_hurry)
+    found: FeedbackLaw = FeedbackLaw() if part is None else part.LiveFeedback(name, in_hurry)
+    return found

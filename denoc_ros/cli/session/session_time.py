@@ -275,8 +275,6 @@ def _trouble(robot: Robot, given: Parameters, patience: float) -> str:
     posture = np.zeros(robot.n)
     posture[robot.joint_indices] = settings.numbers('posture') or 0.0
     law = feedback_law(FEEDFORWARD)
-    if law is None:
-        return ''
     try:
         limits = torque_limits(robot, joints, settings)
         law.build(robot, joints, settings, limits, posture, patience)
