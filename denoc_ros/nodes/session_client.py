@@ -127,6 +127,7 @@ class SessionClient:
         node.create_subscription(String, DESCRIPTION_TOPIC, self._on_description, LATCHED)
         self._executor.add_node(node)
         self._joined = time.perf_counter()
+        self._ended = set[str]()
         self._thread.start()
         self._publish_robot(SESSION_DESCRIPTION_TOPIC)
         if not self.until(lambda: bool(node.count_publishers(DESCRIPTION_TOPIC)), DISCOVERY):
@@ -138,6 +139,14 @@ class SessionClient:
 
     def _on_description(self, message: Any) -> None:
         self.has_other_robot |= message.data != self._text
+
+    def forget_nodes(self, names: Collection[str]) -> None:
+        """Leave out a node of each name that the graph still has: the session has ended its own.
+
+        The middleware may keep an ended node in the graph for as long as this process runs.
+        """
+        there = set(self._node.get_node_names_and_namespaces())
+        self._ended = {name for name in names if (name, '/') in there}
 
     def require_alone(
         self, names: Collection[str], uses_clock: bool, own: int = 0, patience: float = 0.0
@@ -164,7 +173,8 @@ class SessionClient:
 
         def finds_others() -> bool:
             there = Counter(self._node.get_node_names_and_namespaces())
-            others[:] = [f'/{name}' for name in names if there[name, '/'] > own]
+            most = {name: own + (name in self._ended) for name in names}
+            others[:] = [f'/{name}' for name in names if there[name, '/'] > most[name]]
             others.extend(['/up'] if there['up', '/'] > 1 else [])
             if uses_clock and self.clock_publishers() > own:
                 others.append('a publisher of /clock')

@@ -199,6 +199,7 @@ class Session:
             for name in self._names:
                 self._health.forget(name)
             self._processes.stop_all(STOP_ORDER)
+        self._client.forget_nodes(self._names)
         self._keep_time()
         self._begin(REMOVAL_TIME_S)
 

@@ -109,6 +109,8 @@ class Client:
     def end_phase(self) -> None:
         self.ended = self._clock.now
 
+    def forget_nodes(self, _names: Any) -> None: ...
+
     def require_alone(self, _names: Any, _uses_clock: bool, own: int = 0, **_: Any) -> None:
         if own and self.others:
             raise DenocError(self.others)

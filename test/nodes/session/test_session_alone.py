@@ -147,3 +147,10 @@ def test_nodes_of_another_session_are_refused_however_late_they_are_found(
             client.require_alone(['predictor'], uses_clock=False)
         with pytest.raises(NodeError, match=r'must not run, got /plant, /up; end them'):
             client.require_alone(['plant'], uses_clock=True, own=1)
+        client.forget_nodes(['plant'])  # one of the two counts as the session's own, which ended
+        with pytest.raises(NodeError, match=r'must not run, got /up; end them'):
+            client.require_alone(['plant'], uses_clock=True, own=1)
+        others('plant', ros_domain)
+        assert client.until(lambda: count(client, 'plant') == 3, BOUND)
+        with pytest.raises(NodeError, match=r'must not run, got /plant, /up; end them'):
+            client.require_alone(['plant'], uses_clock=True, own=1)
