@@ -27,7 +27,20 @@ DIAGNOSTICS = 'diagnostic_msgs/msg/DiagnosticArray'
 KEPT = ('std_msgs/msg/String', TRAJECTORY, DIAGNOSTICS)
 ALL_TIME = (-math.inf, math.inf)
 MOST_ROWS = 20_000  # of a topic that is thinned, whatever the run's length
+LATEST_NS = 2**63  # stamps of messages and bags are below [ns]
 SLACK = 1.0  # s that a message may be recorded before or after its stamp
+
+
+@dataclass(frozen=True)
+class Phase:
+    """A phase by the clock of the recording [ns]: begin_ns <= stamp < end_ns.
+
+    A recording that names no phases is one phase without a name.
+    """
+
+    name: str
+    begin_ns: int = 0
+    end_ns: int = LATEST_NS
 
 
 @dataclass(frozen=True)
@@ -120,7 +133,11 @@ class RecordedTopics:
     @property
     def phases(self) -> tuple[Interval, ...]:
         """The phases in order: as noted, else as the bag marks them, else all of the recording."""
-        return tuple(map(self._interval, self.noted)) or tuple(self._intervals())
+        marks = [
+            (self.origin_ns + round(kept.log_time * 1e9), str(kept.message.data))
+            for kept in self.messages(PHASE_TOPIC.lstrip('/'))
+        ]
+        return tuple(map(self._interval, phases_of(self.noted, marks)))
 
     @property
     def begin_ns(self) -> int:
@@ -136,27 +153,11 @@ class RecordedTopics:
     def _seconds(self, stamp_ns: int) -> float:
         return (stamp_ns - self.origin_ns) * 1e-9
 
-    def _interval(self, phase: Mapping[str, Any]) -> Interval:
-        """Return a phase as its session noted it; an unfinished one says so by its name."""
-        end = phase.get('end_ns')
-        begin = self._seconds(phase['begin_ns'])
-        if end is None:
-            return Interval(f'{phase["name"]} {UNFINISHED}', begin, np.inf)
-        return Interval(phase['name'], begin, self._seconds(end))
-
-    def _intervals(self) -> Iterator[Interval]:
-        """Yield the phases: each message names the phase that begins then, '' an end."""
-        marks = [
-            (kept.log_time, str(kept.message.data))
-            for kept in self.messages(PHASE_TOPIC.lstrip('/'))
-        ]
-        if not any(name for _, name in marks):
-            yield Interval('run', -np.inf, np.inf)
-            return
-        ends = [*marks[1:], (np.inf, '')]
-        for (start, name), (end, following) in zip(marks, ends, strict=True):
-            if name not in ('', following):  # twice: it began anew
-                yield Interval(name, start, end)
+    def _interval(self, phase: Phase) -> Interval:
+        """Return a phase in seconds since the origin; an open end is infinite."""
+        begin = self._seconds(phase.begin_ns) if phase.begin_ns else -np.inf
+        end = self._seconds(phase.end_ns) if phase.end_ns < LATEST_NS else np.inf
+        return Interval(phase.name or 'run', begin, end)
 
     def marks(self) -> tuple[tuple[float, str], ...]:
         """Return times at which phases begin [s], and their names; '' where one ends.
@@ -181,6 +182,42 @@ class RecordedTopics:
                 marks[-1] = max(stamp_ns, log_ns), marks[-1][1]
                 waits = False
         return tuple((self._seconds(ns), name) for ns, name in marks)
+
+
+def phases_of(
+    noted: Sequence[Mapping[str, Any]], marks: Sequence[tuple[int, str]]
+) -> tuple[Phase, ...]:
+    """Return the phases in order: as noted, else as marked, else one for the whole recording.
+
+    Parameters
+    ----------
+    noted : sequence of mapping
+        As of `RecordedTopics.noted`. The name of an unfinished phase says so.
+    marks : sequence of (int, str)
+        Times [ns] and the name of the phase that begins then, '' for an end.
+    """
+    if noted:
+        return tuple(
+            Phase(f'{each["name"]} {UNFINISHED}', each['begin_ns'])
+            if each.get('end_ns') is None
+            else Phase(each['name'], each['begin_ns'], each['end_ns'])
+            for each in noted
+        )
+    ends = [*marks[1:], (LATEST_NS, '')]
+    found = tuple(
+        Phase(name, begin_ns, end_ns)
+        for (begin_ns, name), (end_ns, following) in zip(marks, ends, strict=False)
+        if name not in ('', following)  # a name that comes twice is a phase that began anew
+    )
+    return found or (Phase(''),)
+
+
+def read_marks(path: Path) -> list[tuple[int, str]]:
+    """Return the marks of phases in a bag: log times [ns] and names, as `phases_of` takes them."""
+    return [
+        (log_ns, str(decode(message_types(), kind, raw)[0].data))
+        for _, kind, log_ns, raw in read_raw(path, {PHASE_TOPIC})
+    ]
 
 
 def read_run(

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from denoc_ros.bags.run import LATEST_NS, Phase, phases_of, read_marks
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import BagError
 from denoc_ros.model.reading.findings import as_text
@@ -22,7 +23,6 @@ EARTH = (0.0, 0.0, -9.81)  # m/s^2, where nothing is said
 FORMATS = ('.mcap', '.db3', '.csv', '.tsv', '.txt', '.dat', '.mat', '.json')
 BAG_FOLDER = 'bag'
 SESSION_FILE = 'session.json'
-LATEST_NS = 2**63  # stamps of messages and bags are below [ns]
 SIMULATED = 'simulate'  # kind of a session
 STEPPED = 'simulated'  # mode of a session's time
 
@@ -88,6 +88,25 @@ def read_session(run_path: Path) -> dict[str, Any]:
     document = reader.session(session)
     reader.finish(f'{run_path}: {SESSION_FILE}')
     return document
+
+
+def recorded_phases(run_path: Path, names: Sequence[str] = ()) -> tuple[Phase, ...]:
+    """Return the phases of a run's directory or of a bag in order: all, or those of some names.
+
+    Raises
+    ------
+    BagError, ConfigError
+        The run cannot be read, or has no phase of a name.
+    """
+    noted = read_session(run_path).get('phases', ())
+    known = phases_of(noted, [] if noted else read_marks(find_bag(run_path)))
+    if missing := set(names) - {phase.name for phase in known}:
+        phases = ', '.join(repr(phase.name) for phase in known if phase.name) or 'none'
+        raise BagError(
+            f'{run_path}: --phase must be a phase of the run ({phases}), '
+            f'got {", ".join(map(repr, sorted(missing)))}'
+        )
+    return tuple(phase for phase in known if not names or phase.name in names)
 
 
 class _SessionReader(MappingReader):

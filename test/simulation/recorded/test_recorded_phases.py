@@ -1,0 +1,55 @@
+"""Phases of a recorded run: those of its session, else the marks in the bag, else all of it."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from denoc_ros.bags.run import Phase
+from denoc_ros.bags.writer import BagWriter
+from denoc_ros.errors import BagError
+from denoc_ros.simulation.recorded.run_files import recorded_phases
+
+
+def run_folder(folder: Path, marks: list[tuple[int, str]], noted: list[dict] | None) -> Path:
+    """Write a bag with marks of phases, and what a session noted of them."""
+    with BagWriter(folder / 'bag') as bag:
+        bag.add_topic('/up/phase', 'std_msgs/msg/String')
+        for log_ns, name in marks:
+            bag.write_message('/up/phase', log_ns, data=name)
+    if noted is not None:
+        (folder / 'session.json').write_text(json.dumps({'phases': noted}))
+    return folder
+
+
+MARKS = [(10, 'stiff'), (20, ''), (30, 'soft'), (35, 'soft'), (50, '')]
+
+
+def test_marks_in_the_bag_name_phases_and_a_phase_that_began_anew_counts_once(tmp_path):
+    found = recorded_phases(run_folder(tmp_path, MARKS, None))
+    assert found == (Phase('stiff', 10, 20), Phase('soft', 35, 50))
+
+
+def test_what_the_session_noted_goes_before_the_marks(tmp_path):
+    noted = [{'name': 'stiff', 'begin_ns': 12, 'end_ns': 18}]
+    assert recorded_phases(run_folder(tmp_path, MARKS, noted)) == (Phase('stiff', 12, 18),)
+
+
+def test_a_phase_that_did_not_end_says_so_and_lasts_to_the_end_of_the_bag(tmp_path):
+    noted = [{'name': 'stiff', 'begin_ns': 12, 'end_ns': None}]
+    assert recorded_phases(run_folder(tmp_path, [], noted)) == (Phase('stiff (unfinished)', 12),)
+
+
+def test_a_recording_without_phases_is_one_without_a_name(tmp_path):
+    assert recorded_phases(run_folder(tmp_path, [], None)) == (Phase(''),)
+
+
+def test_phases_are_chosen_by_name_in_the_order_of_the_run(tmp_path):
+    run = run_folder(tmp_path, MARKS, None)
+    assert [each.name for each in recorded_phases(run, ('soft', 'stiff'))] == ['stiff', 'soft']
+    assert [each.name for each in recorded_phases(run / 'bag', ['soft'])] == ['soft']
+
+
+def test_a_name_that_no_phase_has_is_refused_with_those_that_there_are(tmp_path):
+    with pytest.raises(BagError, match=r"--phase must be .*'stiff', 'soft'.*got 'hard'"):
+        recorded_phases(run_folder(tmp_path, MARKS, None), ['hard'])
