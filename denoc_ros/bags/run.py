@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,14 @@ import numpy as np
 
 from denoc_ros.bags.definitions import decode, message_types
 from denoc_ros.bags.joint_state import JOINT_STATE
-from denoc_ros.bags.reader import RawMessage, bag_contents, header_stamp_ns, read_raw, read_thinned
+from denoc_ros.bags.reader import (
+    RawMessage,
+    bag_contents,
+    bag_topics,
+    header_stamp_ns,
+    read_raw,
+    read_thinned,
+)
 from denoc_ros.bags.series import JointSeries, JointStateColumns, Series, find_topic
 from denoc_ros.errors import BagError
 from denoc_ros.types import Array
@@ -160,28 +167,8 @@ class RecordedTopics:
         return Interval(phase.name or 'run', begin, end)
 
     def marks(self) -> tuple[tuple[float, str], ...]:
-        """Return times at which phases begin [s], and their names; '' where one ends.
-
-        A phase with a reference begins with that: before it the robot goes to its start. The bag
-        is read for it, one message at a time: a streamed reference is long.
-        """
-        marks: list[tuple[int, str]] = []
-        reference, waits = find_topic(self.topics, REFERENCE), False
-        wanted = {PHASE_TOPIC, reference} & {*self.topics}
-        for topic, kind, log_ns, raw in read_raw(self.path, wanted):
-            if topic == PHASE_TOPIC:
-                name = str(decode(message_types(), kind, raw)[0].data)
-                if name and marks and marks[-1][1] == name:  # it begins anew
-                    marks.pop()
-                elif marks:  # one that ended before its reference began
-                    marks[-1] = min(marks[-1][0], log_ns), marks[-1][1]
-                marks.append((log_ns, name))
-                waits = bool(name)
-            elif waits and kind == TRAJECTORY:
-                stamp_ns = header_stamp_ns(decode(message_types(), kind, raw)[0])
-                marks[-1] = max(stamp_ns, log_ns), marks[-1][1]
-                waits = False
-        return tuple((self._seconds(ns), name) for ns, name in marks)
+        """Return times at which phases begin [s], and their names, as `read_marks` finds them."""
+        return tuple((self._seconds(ns), name) for ns, name in read_marks(self.path, self.topics))
 
 
 def phases_of(
@@ -212,12 +199,34 @@ def phases_of(
     return found or (Phase(''),)
 
 
-def read_marks(path: Path) -> list[tuple[int, str]]:
-    """Return the marks of phases in a bag: log times [ns] and names, as `phases_of` takes them."""
-    return [
-        (log_ns, str(decode(message_types(), kind, raw)[0].data))
-        for _, kind, log_ns, raw in read_raw(path, {PHASE_TOPIC})
-    ]
+def read_marks(path: Path, topics: Iterable[str] = ()) -> list[tuple[int, str]]:
+    """Return when phases begin [ns] by the marks in a bag, and their names; '' where one ends.
+
+    A phase with a reference begins with that: before it the robot goes to its start. The bag is
+    read for it, one message at a time: a streamed reference is long.
+
+    Parameters
+    ----------
+    topics : iterable of str
+        All topics of the bag, where they are known.
+    """
+    marks: list[tuple[int, str]] = []
+    known = {*(topics or bag_topics(path))}
+    reference, waits = find_topic(known, REFERENCE), False
+    for topic, kind, log_ns, raw in read_raw(path, {PHASE_TOPIC, reference} & known):
+        if topic == PHASE_TOPIC:
+            name = str(decode(message_types(), kind, raw)[0].data)
+            if name and marks and marks[-1][1] == name:  # it begins anew
+                marks.pop()
+            elif marks:  # one that ended before its reference began
+                marks[-1] = min(marks[-1][0], log_ns), marks[-1][1]
+            marks.append((log_ns, name))
+            waits = bool(name)
+        elif waits and kind == TRAJECTORY:
+            stamp_ns = header_stamp_ns(decode(message_types(), kind, raw)[0])
+            marks[-1] = max(stamp_ns, log_ns), marks[-1][1]
+            waits = False
+    return marks
 
 
 def read_run(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -93,13 +94,22 @@ def read_session(run_path: Path) -> dict[str, Any]:
 def recorded_phases(run_path: Path, names: Sequence[str] = ()) -> tuple[Phase, ...]:
     """Return the phases of a run's directory or of a bag in order: all, or those of some names.
 
+    A phase with a reference begins with that.
+
     Raises
     ------
     BagError, ConfigError
         The run cannot be read, or has no phase of a name.
     """
-    noted = read_session(run_path).get('phases', ())
-    known = phases_of(noted, [] if noted else read_marks(find_bag(run_path)))
+    marks = read_marks(find_bag(run_path))
+    known = phases_of(read_session(run_path).get('phases', ()), marks)
+    begun = {name: ns for ns, name in marks}
+    known = tuple(
+        replace(phase, begin_ns=begun[phase.name])
+        if phase.begin_ns <= begun.get(phase.name, -1) < phase.end_ns
+        else phase
+        for phase in known
+    )
     if missing := set(names) - {phase.name for phase in known}:
         phases = ', '.join(repr(phase.name) for phase in known if phase.name) or 'none'
         raise BagError(
