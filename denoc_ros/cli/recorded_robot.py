@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from denoc_ros.bags.reader import read_description
 from denoc_ros.cli.session.session_config import find_file
-from denoc_ros.errors import BagError
+from denoc_ros.simulation.recorded.run_files import recorded_description
 
 
 def robot_source(bag: Path, given: str | None) -> str | Path:
@@ -19,6 +18,4 @@ def robot_source(bag: Path, given: str | None) -> str | Path:
     """
     if given is not None:
         return find_file(Path(given), Path()) or Path(given)
-    if text := read_description(bag):
-        return text
-    raise BagError(f'{bag}: bag must hold the robot where --robot is not given, got none')
+    return recorded_description(bag)

@@ -20,9 +20,9 @@ from denoc_ros.cli.interrupts import Interrupts
 from denoc_ros.cli.progress import Progress
 from denoc_ros.cli.provenance import versions
 from denoc_ros.cli.session.node_parameters import check_parameters, session_plant
-from denoc_ros.cli.session.phase_plans import started_on_the_plan
+from denoc_ros.cli.session.phase_plans import Task, with_plans
 from denoc_ros.cli.session.processes import Processes, free_domain
-from denoc_ros.cli.session.session import Session, Task, session_nodes
+from denoc_ros.cli.session.session import IDENTIFICATION, Session, session_nodes
 from denoc_ros.cli.session.session_config import (
     AUTO,
     REAL,
@@ -33,7 +33,6 @@ from denoc_ros.cli.session.session_config import (
 )
 from denoc_ros.cli.session.session_file import SessionFile, conclude, print_summary
 from denoc_ros.cli.warmup_verb import compile_all, estimate, kernels
-from denoc_ros.dynamics.driven.motion_plan import Plan
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.errors import ConfigError, DenocError
 from denoc_ros.model.plant_description import description_in_words
@@ -159,6 +158,12 @@ def bring_up(
     if output is not None and output.exists():
         raise ConfigError('--output', [TAKEN.format(output)])
     check_parameters(config, session_nodes(config, bag))
+    for phase in config.phases:
+        if phase.identify:
+            whose = f'{config.path}: phases: {phase.name}: identify'
+            required(IDENTIFICATION, whose)
+            if not config.record:
+                raise ConfigError(whose, ['the session must record, got record: false'])
     progress = Progress()
     _compile(config, progress, (interrupts or Interrupts()).check)
     with progress.step('loading the robot'):
@@ -169,7 +174,7 @@ def bring_up(
                 str(config.path), [f'tip must be one of {known}, got {config.tip!r}']
             )
         plant = {**session_plant(config).overrides(robot.tree), **config.plant_model}
-        for overrides in (config.model, plant):
+        for overrides in (*map(config.model_in, config.phases), plant):
             robot.with_overrides(overrides)
         task = _task(config, robot, bag)
         config = _started_on_the_reference(config, task)
@@ -269,19 +274,12 @@ def _task(config: SessionConfig, robot: Robot, bag: Path | None) -> Task:
 def _shaped(
     config: SessionConfig, robot: Robot, task: Task, progress: Progress
 ) -> tuple[SessionConfig, Task]:
-    if not any(phase.shape for phase in config.phases):
-        return config, task
-    planner = required('planning.shaped_phases', f'{config.path}: phases: shape')
-    plans: dict[str, Plan] = planner.plans_of(
-        config, robot, task.trajectory, task.joints, progress.step
-    )
-    phases = tuple(
-        started_on_the_plan(phase, plans[phase.name], task.joints)
-        if phase.name in plans
-        else phase
-        for phase in config.phases
-    )
-    return dataclasses.replace(config, phases=phases), dataclasses.replace(task, plans=plans)
+    """Return the session with the plans of its phases, as far as their model is known."""
+    known = [phase for phase in config.phases if phase.shape and not phase.identify]
+    planned = with_plans(config, robot, task, known, progress)
+    by_name = {phase.name: phase for phase in planned.phases}
+    phases = tuple(by_name.get(phase.name, phase) for phase in config.phases)
+    return dataclasses.replace(config, phases=phases), planned.task
 
 
 def _started_on_the_reference(config: SessionConfig, task: Task) -> SessionConfig:

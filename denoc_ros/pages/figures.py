@@ -29,7 +29,7 @@ from denoc_ros.units import NONE, si_prefix
 class Ink:
     """Colours by the page's CSS variables: a phase keeps its own in every figure and theme."""
 
-    PHASES = ('series-1', 'series-2', 'series-3', 'series-4', 'series-5')
+    PHASES = ('series-1', 'series-2', 'series-3', 'series-4', 'series-5', 'series-6')
     TRUTH = 'ink'
     DIFFERENCE = 'difference'
     BARS = 'bars'

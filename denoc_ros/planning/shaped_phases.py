@@ -22,6 +22,7 @@ ASKED_STEP = 0.01  # s between the points of the motion that is asked for
 
 def plans_of(
     config: SessionConfig,
+    phases: Sequence[Phase],
     robot: Robot,
     trajectory: Trajectory | None,
     joints: Sequence[str],
@@ -31,6 +32,8 @@ def plans_of(
 
     Parameters
     ----------
+    phases : sequence of Phase
+        Those that are planned for.
     robot : Robot
         As the file has it; the plan is made with the overrides that the nodes have.
 
@@ -40,12 +43,13 @@ def plans_of(
         There is nothing to shape, the method refuses its options, or finds no motion.
     """
     plans: dict[str, Plan] = {}
-    shaped = [phase for phase in config.phases if phase.shape]
+    shaped = [phase for phase in phases if phase.shape]
     if trajectory is None:
         raise ConfigError(str(config.path), ['phases that shape must have a reference, got none'])
-    model = robot.with_overrides(config.model) if config.model else robot.copy()
-    times, q = _asked(config, model, trajectory, joints)
     for phase in shaped:
+        overrides = config.model_in(phase)
+        model = robot.with_overrides(overrides) if overrides else robot.copy()
+        times, q = _asked(config, model, trajectory, joints)
         options = dict(phase.shape)
         method = options.pop('method')
         if config.joints and method == 'tip':

@@ -15,6 +15,7 @@ from denoc_ros.simulation.recorded.run_files import STEPPED
 from denoc_ros.units import deflection_unit
 
 WRONG = 20.0  # % of its peak from which on a predicted deflection is no good
+OUTDONE = 10.0  # times the tip's error of the best phase: a phase that shows how bad it can get
 SMALLEST_ERROR = 1e-4  # m or rad: an error that is less does not matter, whatever it is a share of
 
 
@@ -23,13 +24,11 @@ def cards(
 ) -> list[Card]:
     """Return the figures of merit of a run."""
     found: list[Card] = []
-    for label, series, unit in (
-        ('Joint tracking error, rms', 'error', _common(phases, units)),
-        ('Tip off where it was asked to be, rms', 'tip_error', 'm'),
-    ):
-        values = [(p.name, getattr(p, series)) for p in phases if getattr(p, series) is not None]
-        shown = [(name, engineering(rms(s.values), unit)) for name, s in values]
-        found += _of_phases(label, shown, len(phases))
+    unit = _common(phases, units)
+    errors = [(p.name, engineering(worst_joint(p), unit)) for p in phases if p.error is not None]
+    found += _of_phases('Joint tracking error, rms of the worst joint', errors, len(phases))
+    tips = [(name, engineering(error, 'm')) for name, error in _tip_errors(phases)]
+    found += _of_phases('Tip off where it was asked to be, rms while moving', tips, len(phases))
     swings = [(p.name, engineering(peak(p.swing), 'm')) for p in phases if p.swing is not None]
     found += _of_phases('Tip off its goal after the stop, largest', swings, len(phases))
     if percents := _percents(phases):
@@ -61,17 +60,19 @@ def verdict(
 ) -> Verdict:
     """Return a recorded run in one sentence; warnings and bad predictions make it doubtful.
 
-    The failure that has ended a session goes before everything else: it makes the run bad.
+    A warning in phases that another phase outdoes by far says nothing against the run. The failure
+    that has ended a session goes before everything else: it makes the run bad.
     `cut` is the phase that it ended, '' if none.
     """
     if failure:
         return failed(phases, failure, units, cut)
     found = said(phases, units)
+    outdone = _outdone(phases)
     # late ticks have a card of their own
     spoke = [
         f'{name} ({", ".join(each.phases)})' if len(phases) > 1 else name
         for name, each in sorted(warned.items())
-        if not name.endswith(': loop')
+        if not name.endswith(': loop') and not set(each.phases) <= outdone
     ]
     if spoke:
         found.append(f'nodes warned: {", ".join(spoke)}')
@@ -95,8 +96,14 @@ def failed(phases: Sequence[PhaseMeasures], failure: str, units: Units, cut: str
 def said(phases: Sequence[PhaseMeasures], units: Units) -> list[str]:
     """Return in words how well a run followed and predicted, and how far its links bent."""
     found = []
-    errors = [(rms(p.error.values), p.name) for p in phases if p.error is not None]
-    if errors:
+    errors = [(worst_joint(p), p.name) for p in phases if p.error is not None]
+    if tips := _tip_errors(phases):
+        told = [f'{engineering(error, "m")} ({name})' for name, error in tips]
+        if len(phases) == 1:
+            told = [engineering(tips[0][1], 'm')]
+        listed = ', '.join(told[:-1]) + (' and ' if told[1:] else '') + told[-1]
+        found.append(f'while it moves, the tip is off where it was asked to be by {listed} rms')
+    elif errors:
         (least, name), unit = min(errors), _common(phases, units)
         which = f' ({name})' if len(errors) > 1 else ''
         found.append(f'joints follow their reference to {engineering(least, unit)} rms{which}')
@@ -112,6 +119,26 @@ def said(phases: Sequence[PhaseMeasures], units: Units) -> list[str]:
         size, name = max(bent)
         found.append(f'links deflect by up to {engineering(size, "m")} ({name})')
     return found
+
+
+def worst_joint(phase: PhaseMeasures) -> float:
+    """Return the rms tracking error of a phase's worst joint [rad, m]."""
+    assert phase.error is not None
+    return max(map(rms, phase.error.values.T))
+
+
+def _tip_errors(phases: Sequence[PhaseMeasures]) -> list[tuple[str, float]]:
+    """Return the names of phases and how far the tip is off [m], rms while it moves."""
+    found = [(p.name, p.tip_error.values if p.moving is None else p.moving) for p in phases
+             if p.tip_error is not None]  # fmt: skip
+    return [(name, rms(values)) for name, values in found]
+
+
+def _outdone(phases: Sequence[PhaseMeasures]) -> set[str]:
+    """Return the phases with `OUTDONE` times the tip's error of the best one."""
+    errors = _tip_errors(phases)
+    least = min((error for _, error in errors), default=0.0)
+    return {name for name, error in errors if error > OUTDONE * least}
 
 
 def _bent(phases: Sequence[PhaseMeasures]) -> list[tuple[float, str]]:

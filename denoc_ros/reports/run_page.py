@@ -258,6 +258,7 @@ def _page(found: _Found, command: str) -> ReportPage:
             sections.notes(found.session.get('notes', ())),
             moments(found.recording.path, found.robot),
             sections.tip(phases),
+            sections.identified(found.session.get('phases', ())),
             sections.tracking(phases, units),
             sections.motion(phases, units),
             sections.deflection(phases),

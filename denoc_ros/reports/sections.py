@@ -6,6 +6,7 @@ import dataclasses
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -295,6 +296,60 @@ def _deflection_title(name: str, phase: str, several: bool) -> str:
     link, _, component = name.rpartition('/')
     kind = {'u': 'deflection along', 'r': 'turn about'}[component[0]]
     return f'{link}, {kind} {component[1]}' + (f' ({phase})' if several else '')
+
+
+def identified(phases: Sequence[Mapping[str, Any]]) -> PageSection | None:
+    """Return the section on numbers that a session has identified, None where there are none.
+
+    Parameters
+    ----------
+    phases : sequence of mapping
+        As session.json has them.
+    """
+    tables, whose = [], []
+    for phase in phases:
+        found = phase.get('identified')
+        if not found:
+            continue
+        plant = phase.get('plant', {})
+        rows = [
+            [
+                one['path'],
+                f'{one["start"]:.5g}',
+                f'{one["value"]:.5g}',
+                _interval(one['interval']),
+                _true_number(plant, one['path']),
+                one['verdict'],
+            ]
+            for one in found['numbers']
+        ]
+        head = ('number', 'assumed', 'found', '95 % interval', 'true', 'verdict')
+        tables.append(PageTable(head, rows))
+        whose.append(f'“{found["from"]}” for “{phase["name"]}”')
+    if not tables:
+        return None
+    text = (
+        'What the recording of a phase told of the robot for the plan of a later one: '
+        f'{", ".join(whose)}. Numbers that are not identifiable stayed as assumed. SI units.'
+    )
+    return PageSection('Numbers identified', text, tables=tables)
+
+
+def _interval(ends: Sequence[float | None]) -> str:
+    low, high = ends
+    return UNKNOWN if low is None or high is None else f'{low:.5g} … {high:.5g}'
+
+
+def _true_number(plant: Mapping[str, Any], path: str) -> str:
+    """Return the plant's number at a path, where the session says it."""
+    head, _, axis = path.rpartition('.')
+    value = plant.get(path, plant.get(head) if axis in AXES else None)
+    if isinstance(value, list):
+        value = value[AXES.index(axis) if axis in AXES else 0]
+    return UNKNOWN if value is None else f'{value:.5g}'
+
+
+AXES = ('x', 'y', 'z')
 
 
 def colour_of(k: int) -> str:

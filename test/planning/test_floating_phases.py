@@ -46,7 +46,7 @@ def test_a_plan_has_the_feedforwards_base_and_its_tip_is_judged_in_the_world(
     robot = dn.load_robot(config.robot, gravity=config.gravity)
     joints = list(robot.joint_names)
     trajectory = trajectory_from_config(config.reference, joints)
-    plans = plans_of(config, robot, trajectory, joints, lambda _: nullcontext())
+    plans = plans_of(config, config.phases, robot, trajectory, joints, lambda _: nullcontext())
     assert plans['reacts'].base_wrench is None
     assert plans['held'].base_wrench is not None
     assert plans['told'].base_wrench is not None

@@ -44,7 +44,7 @@ def session(folder: Path, method: str) -> tuple[SessionConfig, Plan, Robot, Traj
     config = load_config(path)
     robot = dn.load_robot(config.robot, gravity=config.gravity)
     trajectory = trajectory_from_config(config.reference, JOINTS)
-    plans = plans_of(config, robot, trajectory, JOINTS, lambda _: nullcontext())
+    plans = plans_of(config, config.phases, robot, trajectory, JOINTS, lambda _: nullcontext())
     assert list(plans) == ['shaped']
     return config, plans['shaped'], robot, trajectory
 
@@ -110,7 +110,9 @@ def test_mimic_joints_and_loops_follow_the_driven_joints(
     robot = dn.load_robot(config.robot, gravity=config.gravity)
     joints = config.joints
     trajectory = trajectory_from_config(config.reference, joints)
-    (plan,) = plans_of(config, robot, trajectory, joints, lambda _: nullcontext()).values()
+    (plan,) = plans_of(
+        config, config.phases, robot, trajectory, joints, lambda _: nullcontext()
+    ).values()
     assert plan.joint_names == joints
     assert np.abs(robot.closure(plan.q)).max() < 1e-8
     assert motion_of(plan, joints).duration > 0.6
@@ -135,7 +137,7 @@ def test_nothing_is_shaped_from_no_reference(tmp_path: Path) -> None:
     config = load_config(path)
     robot = dn.load_robot(config.robot)
     with pytest.raises(ConfigError, match='phases that shape must have a reference, got none'):
-        plans_of(config, robot, None, JOINTS, lambda _: nullcontext())
+        plans_of(config, config.phases, robot, None, JOINTS, lambda _: nullcontext())
 
 
 def rows(t: NDArray[np.float64], q: NDArray[np.float64]) -> list[dict[str, object]]:

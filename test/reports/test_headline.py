@@ -127,3 +127,32 @@ def test_the_figure_of_the_tip_averages_squares() -> None:
     # ten whole periods of the square in each stretch, to the rounding of its ends
     np.testing.assert_allclose(distance, 0.2 / np.sqrt(2.0), rtol=0.02)
     assert sections.tip([]) is None
+
+
+def moved(name: str, error: float) -> PhaseMeasures:
+    """Return a phase whose tip is off by an error [m] while it moves."""
+    tip = Series(T, ('tool',), np.full((len(T), 1), error))
+    return PhaseMeasures(name, 0.0, 15.0, None, None, tip, 7.0, None, None, ())
+
+
+def test_a_warning_in_a_phase_that_another_outdoes_does_not_make_the_run_doubtful() -> None:
+    said = {'feedforward: torque': NodeWarnings(1, 'torque clamped', ('swinging',))}
+    found = headline.verdict([moved('swinging', 1.0), moved('exact', 1e-3)], said, 15.0, Units())
+    assert found.tone == 'good'
+    assert 'off where it was asked to be by 1 m (swinging) and 1 mm (exact) rms' in found.text
+    near = headline.verdict([moved('swinging', 2e-3), moved('exact', 1e-3)], said, 15.0, Units())
+    assert near.tone == 'doubtful'
+
+
+def test_numbers_identified_are_shown_beside_the_true_ones() -> None:
+    number: dict[str, Any] = {'path': 'payload.tool.com.x', 'start': 0.0, 'value': -1.01}
+    number |= {'verdict': 'found', 'interval': [-1.02, None]}
+    found = {'from': 'loose', 'numbers': [number]}
+    plant = {'payload.tool.com': [-1.0, 0.0, 0.0]}
+    known = {'name': 'known', 'plant': plant, 'identified': found}
+    phases: list[dict[str, Any]] = [{'name': 'loose'}, known]
+    section = sections.identified(phases)
+    assert section is not None
+    row = ['payload.tool.com.x', '0', '-1.01', '–', '-1', 'found']
+    assert list(section.tables[0].rows) == [row]
+    assert sections.identified(phases[:1]) is None

@@ -22,8 +22,9 @@ from numpy.typing import NDArray
 from ros_domains import claimed_domain
 
 from denoc_ros.cli.progress import Progress
+from denoc_ros.cli.session.phase_plans import Task
 from denoc_ros.cli.session.processes import Processes
-from denoc_ros.cli.session.session import STOP_ORDER, Session, Task
+from denoc_ros.cli.session.session import STOP_ORDER, Session
 from denoc_ros.cli.session.session_config import REAL, SessionConfig
 from denoc_ros.cli.session.session_file import SessionFile
 from denoc_ros.cli.up_verb import new_folder

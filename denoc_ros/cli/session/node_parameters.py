@@ -35,7 +35,7 @@ def node_parameters(config: SessionConfig, name: str, phase: Phase, folder: Path
     given: Parameters = {}
     if table.row('gravity') is not None:
         given['gravity'] = list(config.gravity)
-        given.update(config.plant_model if name == 'plant' else config.model)
+        given.update(config.plant_model if name == 'plant' else config.model_in(phase))
     if name == 'recorder':
         given['output'] = str(folder / 'bag')
     given.update(config.nodes.get(name, {}))

@@ -5,9 +5,9 @@ from __future__ import annotations
 import shutil
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from denoc_ros.bags.reader import DESCRIPTION_TOPIC, SESSION_DESCRIPTION_TOPIC
 from denoc_ros.cli.progress import Progress
@@ -17,7 +17,7 @@ from denoc_ros.cli.session.node_parameters import (
     node_table,
     write_parameters,
 )
-from denoc_ros.cli.session.phase_plans import asked_at_pace, motion_of
+from denoc_ros.cli.session.phase_plans import Task, asked_at_pace, motion_of, with_plans
 from denoc_ros.cli.session.processes import Health, ProcessError, Processes
 from denoc_ros.cli.session.session_config import (
     AUTO,
@@ -37,13 +37,11 @@ from denoc_ros.cli.session.session_time import (
     feedback_refusal,
     idle_seconds,
 )
-from denoc_ros.dynamics.driven.motion_plan import Plan
 from denoc_ros.dynamics.robot import load_robot
 from denoc_ros.dynamics.state_rows import cores
-from denoc_ros.parts import node_main
+from denoc_ros.parts import node_main, required
 from denoc_ros.python_start import module_words
 from denoc_ros.runtime.safety.stale_inputs import NO_JOINTS, STALE_JOINTS
-from denoc_ros.trajectories import Trajectory
 
 if TYPE_CHECKING:  # an optional extra
     from denoc_ros.nodes.session_client import SessionClient
@@ -77,19 +75,9 @@ OTHER_ROBOT = (
 )
 FIRST = 1.0  # s of simulated time before the first phase
 DESIGNING = 60.0  # s until state feedback has gains: its process has to start
+IDENTIFICATION = 'identification.run_numbers'
+IDENTIFYING = 10.0  # s that numbers of a robot take
 ENGAGING = 7.0  # s from gains for a motion until it trusts its estimate
-
-
-@dataclass(frozen=True)
-class Task:
-    """The task of a session: follow a trajectory, phase by phase, or play a bag."""
-
-    trajectory: Trajectory | None  # None: the reference comes from elsewhere, phases just last
-    joints: list[str]  # the trajectory's
-    duration: float  # of each phase [s]
-    bag: Path | None = None  # Joint states to play instead of running a plant
-    # what the joints do instead of the trajectory in phases that shape it
-    plans: Mapping[str, Plan] = field(default_factory=dict)
 
 
 def session_nodes(config: SessionConfig, bag: Path | None) -> list[str]:
@@ -131,6 +119,7 @@ class Session:
         self._progress = progress
         self._names = session_nodes(config, task.bag)
         self._parameters: dict[str, Parameters] = {}
+        self._identified: Mapping[str, Any] = {}  # what session.json notes of the phase
         self._rehearses = False
         self._began = 0.0
         self._cpu_before: dict[str, float] = {}
@@ -148,13 +137,16 @@ class Session:
         if self._rehearses:
             self._rehearse()
         self._began, self._cpu_before = time.perf_counter(), self._processes.cpu_seconds()
-        for phase in self._config.phases:
+        for configured in self._config.phases:
+            phase, identified = configured, dict[str, Any]()
+            if configured.identify:
+                phase, identified = self._improved(configured)
             if (changed := self._adapt(phase)) and self._time.is_simulated:
                 # while time stands, nodes find sensors and other nodes
                 self._client.until(self._spoken(changed), PLANNING)
             elif changed:
                 self._await_feedforward()
-            self._run_phase(phase)
+            self._run_phase(phase, identified)
         if 'plant' in self._names:  # its last second counts as well
             self._client.until(self._spoken(['plant'], 1), HEARING)
             self._health.check_plant()
@@ -427,10 +419,44 @@ class Session:
         client.until(lambda: (found() or not records) and spoken(), GRAPH)
         self._time.pass_by(FIRST)
 
-    def _run_phase(self, phase: Phase) -> None:
+    def _improved(self, phase: Phase) -> tuple[Phase, dict[str, Any]]:
+        """Return a phase with the model and the plan that an earlier phase's recording gives it.
+
+        Second is what session.json notes of it. The robot rests meanwhile.
+        """
+        finder = required(IDENTIFICATION, f'{self._config.path}: phases: {phase.name}: identify')
+        for name in RESETS:
+            self._reset(name)
+        with self._progress.step(f'identifying the robot: {phase.identify}', IDENTIFYING):
+            config = self._config
+            robot = load_robot(config.robot, gravity=config.gravity)
+            overrides = config.model_in(phase)
+            known = robot.with_overrides(overrides) if overrides else robot
+            found = finder.phase_numbers(self._closed_bag(), known, phase.identify, config.tip)
+        self._progress.say('\n'.join(finder.number_lines(found)))
+        model = {**overrides, **found.model.overrides}
+        improved = replace(phase, model=model)
+        planned = with_plans(config, robot, self._task, [improved], self._progress)
+        self._task = planned.task
+        noted = {'from': phase.identify, 'numbers': finder.noted_numbers(found)}
+        return planned.phases[0], noted
+
+    def _closed_bag(self) -> list[Path]:
+        """Return the finished files of the bag, which have all that was recorded until now."""
+        folder = self._folder / 'bag'
+        before = len(list(folder.glob('*.mcap')))
+        self._client.trigger('/recorder/split')
+        if not self._client.until(lambda: len(list(folder.glob('*.mcap'))) > before, GRAPH):
+            raise ProcessError(
+                f'recorder: a new file of the bag must begin within {GRAPH:g} s, got none'
+            )
+        return sorted(folder.glob('*.mcap'), key=lambda file: file.stat().st_mtime_ns)[:-1]
+
+    def _run_phase(self, phase: Phase, identified: Mapping[str, Any]) -> None:
         if is_held := self._is_held_first(phase):
             with self._progress.step(f'designing the feedback: {phase.name}'):
                 self._hold_start(phase)
+        self._identified = identified
         self._mark_begin(phase)
         self._health.moves = True
         if self._task.bag is not None:
@@ -449,7 +475,13 @@ class Session:
 
     def _mark_begin(self, phase: Phase) -> None:
         self._client.begin_phase(phase.name)
-        self._file.begin_phase(phase.name, self._now_ns)
+        self._file.begin_phase(
+            phase.name,
+            self._now_ns,
+            model=self._config.model_in(phase),
+            plant=self._config.plant_in(phase) if 'plant' in self._names else {},
+            identified=dict(self._identified),
+        )
 
     @property
     def _now_ns(self) -> int:

@@ -81,6 +81,10 @@ class Phase:
     # `method` and options of `denoc_ros.shape_motion` by which the reference is shaped; empty: it
     # is followed as it is
     shape: Parameters = field(default_factory=dict)
+    # overrides of the model that every node but the plant works with, beside the session's
+    model: Parameters = field(default_factory=dict)
+    # an earlier phase: numbers of the robot that its recording tells go into `model`
+    identify: str = ''
 
 
 @dataclass(frozen=True)
@@ -108,6 +112,15 @@ class SessionConfig:
     without: frozenset[str]
     plant_model: Parameters  # overrides of the model that are true of the plant only
     phases: tuple[Phase, ...]  # at least one
+
+    def model_in(self, phase: Phase) -> Parameters:
+        """Return the overrides of the model that the nodes work with in a phase."""
+        return {**self.model, **phase.model}
+
+    def plant_in(self, phase: Phase) -> Parameters:
+        """Return the overrides of the model that are true of the plant in a phase."""
+        given = {**self.nodes.get('plant', {}), **phase.nodes.get('plant', {})}
+        return {**self.plant_model, **_split(given, FAMILIES)[0]}
 
     def has_state_feedback(self, phase: Phase) -> bool:
         """Say whether the feedforward has state feedback in a phase."""
@@ -328,11 +341,15 @@ class _Checker(MappingReader):
         names = [phase.name for phase in phases]
         if len(set(names)) < len(names):
             self.find(f'phases must have different names, got {names}')
+        for k, phase in enumerate(phases):
+            if phase.identify and phase.identify not in names[:k]:
+                rule = f'be an earlier phase ({", ".join(names[:k]) or "none"})'
+                self.fail(f'phases[{k}].identify', rule, phase.identify)
         return phases
 
     def _phase(self, whose: str, value: Any) -> Phase:
         values = self.mapping(whose, value)
-        self.only(whose, values, ('name', 'shape', *NODES))
+        self.only(whose, values, ('name', 'shape', 'model', 'identify', *NODES))
         name = values.get('name')
         if not isinstance(name, str) or not name:
             self.fail(f'{whose}.name', 'be a text', name)
@@ -340,7 +357,12 @@ class _Checker(MappingReader):
         shape = self.mapping(f'{whose}.shape', values.get('shape'))
         if 'shape' in values and not isinstance(shape.get('method'), str):
             self.find(f'{whose}.shape must have a method, got {shape}')
-        return Phase(str(name), nodes, dict(shape))
+        model = flatten(self.mapping(f'{whose}.model', values.get('model')))
+        identify = values.get('identify', '')
+        if not isinstance(identify, str):
+            self.fail(f'{whose}.identify', 'be the name of an earlier phase', identify)
+        overrides = self._overrides(f'{whose}.model', model)
+        return Phase(str(name), nodes, dict(shape), overrides, str(identify))
 
 
 def _split(flat: Parameters, heads: Sequence[str]) -> tuple[Parameters, Parameters]:

@@ -37,7 +37,8 @@ class SessionFile:
         """The phases that have begun.
 
         `name`, `begin_ns`, `end_ns` (None: unfinished) and, of a finished one, `wall`: the seconds
-        of wall time that it took.
+        of wall time that it took. `model` and `plant`: overrides of the robot in the phase, where
+        there are some. `identified`: what an earlier phase told of the robot.
         """
         return list(self._values['phases'])
 
@@ -50,13 +51,20 @@ class SessionFile:
         """
         return dict(self._values.get('time', {}))
 
-    def begin_phase(self, name: str, stamp_ns: int) -> None:
-        """Note that a phase begins, or begins anew, by the clock of the recording [ns]."""
+    def begin_phase(self, name: str, stamp_ns: int, **values: Any) -> None:
+        """Note that a phase begins, or begins anew, by the clock of the recording [ns].
+
+        Parameters
+        ----------
+        **values
+            What else is noted of the phase; empty values are left out.
+        """
         self._phase_began = time.perf_counter()
         phases = self._values['phases']
         if phases and phases[-1]['end_ns'] is None:
             phases.pop()
-        phases.append({'name': name, 'begin_ns': stamp_ns, 'end_ns': None})
+        noted = {key: value for key, value in values.items() if value}
+        phases.append({'name': name, 'begin_ns': stamp_ns, 'end_ns': None, **noted})
         self._write()
 
     def end_phase(self, stamp_ns: int) -> None:

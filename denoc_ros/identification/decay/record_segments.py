@@ -339,8 +339,15 @@ def standing_spans(reading: Reading) -> list[Span]:
     if is_table(reading.path) or bag_topics(reading.path).get(JOINT_TOPIC) != JOINT_STATE:
         return []
     series = read_joint_states(reading.path, JOINT_TOPIC, stamp=channel.stamp)
-    t = series.since(reading.origin_ns).t
-    moving = [_moving(t, series.position[:, k]) for k in range(len(series.names))]
+    return still_spans(series.since(reading.origin_ns).t, series.position)
+
+
+def still_spans(t: Array, position: Array) -> list[Span]:
+    """Return the time spans in which joints at positions (k, joints) rest [s].
+
+    [] of joints that never move or never stand.
+    """
+    moving = [_moving(t, column) for column in position.T]
     told = [one for one in moving if one is not None]
     if not told:
         return []

@@ -37,7 +37,7 @@ from denoc_ros.types import Array, Stamps
 FEWEST = 50  # joint states of a recording
 SENSOR = 'sensor.'
 
-Readings = dict[str, tuple[Array, Array]]
+Readings = Mapping[str, tuple[Array, Array]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,6 +81,7 @@ class Recording:
     name: str = 'recording'
     filters: Mapping[str, SensorFilter] = field(default_factory=dict)
     poses: Mapping[str, tuple[Array, Array]] = field(default_factory=dict)
+    origin_ns: int = 0  # of the stamps, by the clock of the recording [ns]
 
     def __post_init__(self) -> None:
         k = len(self.t)
@@ -108,6 +109,30 @@ class Recording:
                     f'{self.name}: {name}: readings must have shape '
                     f'{" or ".join(map(str, shapes))}, got {np.shape(values)}'
                 )
+
+    def between(self, begin: float, end: float) -> Recording:
+        """Return what was measured at begin <= t <= end [s].
+
+        Raises
+        ------
+        IdentificationError
+            Too few joint states are left.
+        """
+        rows = (self.t >= begin) & (self.t <= end)
+
+        def part(readings: Readings) -> Readings:
+            inside = {name: (t >= begin) & (t <= end) for name, (t, _) in readings.items()}
+            return {name: (t[inside[name]], v[inside[name]]) for name, (t, v) in readings.items()}
+
+        return replace(
+            self,
+            t=self.t[rows],
+            position=self.position[rows],
+            effort=self.effort[rows],
+            velocity=None if self.velocity is None else self.velocity[rows],
+            sensors=part(self.sensors),
+            poses=part(self.poses),
+        )
 
 
 def reading_spreads(recording: Recording, tree: Tree) -> dict[str, float]:
@@ -172,7 +197,9 @@ def read_source(
     return replace(_window(whole, settings.begin, settings.end), filters=settings.filters)
 
 
-def _recording(path: Path, series: JointSeries, sensors: Readings, poses: Readings) -> Recording:
+def _recording(
+    path: Path, series: JointSeries, sensors: Readings, poses: Readings, origin_ns: int = 0
+) -> Recording:
     """Return the rows whose stamps rise and that have all positions."""
     whole = series.rising().complete()
     return Recording(
@@ -184,6 +211,7 @@ def _recording(path: Path, series: JointSeries, sensors: Readings, poses: Readin
         sensors,
         path.name,
         poses=poses,
+        origin_ns=origin_ns,
     )
 
 
@@ -198,7 +226,7 @@ def _of_bag(path: Path, robot: Robot, settings: RecordingSettings) -> Recording:
         )
     origin = int(series.stamp_ns[0]) if len(series.t) else 0
     sensors, poses = _sensors(path, robot, origin), _poses(path, robot, origin, settings.poses)
-    return _recording(path, series.select(known), sensors, poses)
+    return _recording(path, series.select(known), sensors, poses, origin)
 
 
 def _of_table(path: Path, robot: Robot, settings: RecordingSettings) -> Recording:
@@ -296,20 +324,7 @@ def _with_torque_constants(
 def _window(whole: Recording, begin: float, end: float) -> Recording:
     if begin <= 0.0 and end == math.inf:
         return whole
-    since = whole.t - whole.t[0]
-    rows = (since >= begin) & (since <= end)
-    sensors = {}
-    for name, (t, raw) in whole.sensors.items():
-        own = (t - whole.t[0] >= begin) & (t - whole.t[0] <= end)
-        sensors[name] = (t[own], raw[own])
-    return replace(
-        whole,
-        t=whole.t[rows],
-        position=whole.position[rows],
-        effort=whole.effort[rows],
-        velocity=None if whole.velocity is None else whole.velocity[rows],
-        sensors=sensors,
-    )
+    return whole.between(whole.t[0] + begin, whole.t[0] + end)
 
 
 @dataclass(frozen=True)

@@ -157,7 +157,7 @@ class JointStream:
         self, rows: JointSeries, first: int, last: int, beside: Mapping[str, JointSeries]
     ) -> Block:
         rows = rows.since(int(rows.stamp_ns[0]))
-        starts = _starts(rows.t, rows.position, rows.velocity, self.period)
+        starts = motion_starts(rows.t, rows.position, rows.velocity, self.period)
         edges = [*np.flatnonzero(starts), len(rows.t)]
         parts = [
             self._smoothed(rows[a:b])
@@ -193,7 +193,7 @@ def _has_rates(qd: Array) -> bool:
     return bool(np.isfinite(qd).all() and qd.any())
 
 
-def _starts(t: Array, q: Array, qd: Array, period: float) -> Flags:
+def motion_starts(t: Array, q: Array, qd: Array, period: float) -> Flags:
     """Return where a motion begins anew: at the first row, after a gap, after a jump."""
     intervals = np.diff(t)
     steps = np.abs(np.diff(q, axis=0))

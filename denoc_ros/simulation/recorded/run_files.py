@@ -18,6 +18,7 @@ from denoc_ros.model.reading.mapping_reader import (
     MappingReader,
     Rule,
     are_numbers,
+    is_number,
 )
 
 EARTH = (0.0, 0.0, -9.81)  # m/s^2, where nothing is said
@@ -43,6 +44,21 @@ def find_bag(run_path: Path) -> Path:
         raise BagError(f'{run_path}: run must be a directory or a bag, got nothing there')
     inside = run_path / BAG_FOLDER
     return inside if inside.is_dir() else run_path
+
+
+def recorded_description(bag: Path) -> str:
+    """Return the description of the robot that a bag holds.
+
+    Raises
+    ------
+    BagError
+        The bag holds none.
+    """
+    from denoc_ros.bags.reader import read_description
+
+    if text := read_description(bag):
+        return text
+    raise BagError(f'{bag}: bag must hold the robot where --robot is not given, got none')
 
 
 def plant_of(robot: Robot, session: Mapping[str, Any]) -> Robot:
@@ -140,10 +156,23 @@ class _SessionReader(MappingReader):
     def _phase(self, whose: str, phase: Any) -> None:
         values = self.mapping(whose, phase)
         self.check(f'{whose}.', {**dict.fromkeys(PHASE_RULES), **values}, PHASE_RULES)
+        for name in ('model', 'plant'):
+            self.check_all(f'{whose}.{name}', values.get(name), OVERRIDE)
+        self._identified(f'{whose}.identified', values.get('identified'))
         begin_ns: Any = values.get('begin_ns')
         end_ns: Any = values.get('end_ns')
         if _is_stamp(begin_ns) and _is_stamp(end_ns) and end_ns < begin_ns:
             self.fail(f'{whose}.end_ns', f'be {begin_ns} or more', end_ns)
+
+    def _identified(self, whose: str, value: Any) -> None:
+        """Check what a phase was told by the recording of another."""
+        if value is None:
+            return
+        found = {'from': None, **self.mapping(whose, value)}
+        self.check(f'{whose}.', {'from': found['from']}, {'from': TEXT})
+        for number, given in self.entries(f'{whose}.numbers', found.get('numbers')):
+            values = {**dict.fromkeys(NUMBER_RULES), **self.mapping(number, given)}
+            self.check(f'{number}.', values, NUMBER_RULES)
 
 
 def _is_stamp(value: Any) -> bool:
@@ -164,6 +193,15 @@ SESSION_RULES: dict[str, Rule] = {
 }
 TIME_RULES: dict[str, Rule] = {
     'mode': TEXT, 'why': TEXT, 'begun_ns': STAMP, 'factor': NUMBER,
+}  # fmt: skip
+NUMBER_RULES: dict[str, Rule] = {
+    'path': TEXT, 'verdict': TEXT, 'start': NUMBER, 'value': NUMBER,
+    'interval': (
+        lambda value: isinstance(value, list)
+        and len(value) == 2
+        and all(each is None or is_number(each) for each in value),
+        'two finite numbers, or null for them',
+    ),
 }  # fmt: skip
 PHASE_RULES: dict[str, Rule] = {
     'name': TEXT,

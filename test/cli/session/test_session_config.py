@@ -96,6 +96,14 @@ phases: [{name: a}, {name: a}, {feedforward: {}}]
         ('- 1', 'the file must be a mapping, got list'),
         ('robot: arm.urdf\nreference: none.yaml', 'reference must be .* existing YAML file'),
         ('robot: arm.urdf\nphases: []', 'phases must be a list with at least one entry'),
+        (
+            'robot: arm.urdf\nphases: [{name: a, identify: b}, {name: b}]',
+            r"phases\[0\].identify must be an earlier phase \(none\), got 'b'",
+        ),
+        (
+            'robot: arm.urdf\nphases: [{name: a, model: {mass: 1}}]',
+            r"phases\[0\].model's paths must start with .*, got 'mass'",
+        ),
     ],
 )
 def test_a_bad_file_says_what_must_hold(folder: Path, text: str, message: str) -> None:
@@ -198,3 +206,25 @@ def test_live_parameters_need_no_new_start() -> None:
     assert changed_parameters('feedforward', now, {**now, 'update_rate': 250.0}) is None
     no_payload = {key: value for key, value in now.items() if key != 'payload.tool.mass'}
     assert changed_parameters('feedforward', now, no_payload) is None
+
+
+def test_the_model_of_a_phase_is_that_of_all_nodes_but_the_plant(folder: Path) -> None:
+    text = """
+robot: arm.urdf
+model: {beam.arm.y.ei: 1.0, payload.tip.mass: 2.0}
+plant: {beam.arm.y.ei: 3.0}
+phases:
+  - {name: a}
+  - {name: b, model: {beam.arm.y.ei: 4.0}, plant: {payload.tip.mass: 5.0}}
+"""
+    config = load_config(write(folder, text))
+    first, second = config.phases
+    assert config.model_in(first) == {'beam.arm.y.ei': 1.0, 'payload.tip.mass': 2.0}
+    assert config.model_in(second) == {'beam.arm.y.ei': 4.0, 'payload.tip.mass': 2.0}
+    assert config.plant_in(first) == {'beam.arm.y.ei': 3.0}
+    assert config.plant_in(second) == {'beam.arm.y.ei': 3.0, 'payload.tip.mass': 5.0}
+    given = node_parameters(config, 'predictor', second, folder)
+    assert given['beam.arm.y.ei'] == 4.0
+    given = node_parameters(config, 'plant', second, folder)
+    assert given['beam.arm.y.ei'] == 3.0
+    assert given['payload.tip.mass'] == 5.0

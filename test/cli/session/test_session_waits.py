@@ -11,8 +11,9 @@ import pytest
 from denoc_ros.cli.progress import Progress
 from denoc_ros.cli.session import session as sessions
 from denoc_ros.cli.session import session_time
+from denoc_ros.cli.session.phase_plans import Task
 from denoc_ros.cli.session.processes import ProcessError, Processes
-from denoc_ros.cli.session.session import Session, Task
+from denoc_ros.cli.session.session import Session
 from denoc_ros.cli.session.session_config import load_config
 from denoc_ros.cli.session.session_file import SessionFile
 from denoc_ros.errors import DenocError

@@ -52,7 +52,9 @@ def test_the_demo_moves_the_tip_with_and_without_a_wrong_model() -> None:
     assert [phase.nodes['feedforward'].get('feedback.state', 'off') for phase in wrong] == [
         'off',
         'lqr',
+        'lqr',
     ]
+    assert [phase.identify for phase in wrong] == ['', '', 'wrong model']
     last = next(body for body in robot.tree.bodies if body.name == 'link_3')
     for phase in wrong:
         changed = dict(phase.nodes['plant'])

@@ -1,0 +1,335 @@
+"""The numbers of a robot by a recorded run: stiffness, payload and damping, phase by phase."""
+
+from __future__ import annotations
+
+import itertools
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from denoc_ros.bags.run import LATEST_NS, Phase, phases_of, read_marks
+from denoc_ros.dynamics.robot import Robot, load_robot
+from denoc_ros.errors import DenocError, IdentificationError
+from denoc_ros.identification.decay.analysis import analyse_decay
+from denoc_ros.identification.decay.damping import USABLE
+from denoc_ros.identification.decay.modes import GOOD, Modes
+from denoc_ros.identification.decay.record_segments import still_spans
+from denoc_ros.identification.decay.records import Record
+from denoc_ros.identification.model.model_fit import IdentifiedModel, identify_model
+from denoc_ros.identification.model.model_result import result_of
+from denoc_ros.identification.model.sources import (
+    FEWEST,
+    Recording,
+    RecordingSettings,
+    read_source,
+)
+from denoc_ros.model.numbers import values_of
+from denoc_ros.model.payloads import carrying_links
+from denoc_ros.output_files import plain
+from denoc_ros.simulation.recorded.recorded_stream import motion_starts
+from denoc_ros.simulation.recorded.run_files import (
+    EARTH,
+    find_bag,
+    read_session,
+    recorded_description,
+    recorded_phases,
+)
+from denoc_ros.types import Array
+
+SHORTEST_STRETCH = 2.0  # s of motion without a gap that tell of a robot
+SAME_MODE = 0.03  # largest relative distance of two frequencies of one mode
+FOUND = 'found'  # verdict of a number within 5 %
+NORMAL_95 = 1.96  # standard deviations in half a 95 % interval
+
+
+@dataclass(frozen=True)
+class FreeDecay:
+    """A mode in a free decay that one sensor has measured."""
+
+    phase: str
+    begin: float  # since the first joint state of the recording [s]
+    sensor: str
+    link: str
+    frequency: float  # [Hz]
+    damping_ratio: float
+    interval: tuple[float, float]  # 95 %, of the damping ratio
+    verdict: str
+    reason: str  # why the verdict is not good
+
+
+@dataclass(frozen=True)
+class BeamMode:
+    """A mode of a beam, combined from the decays that show it."""
+
+    link: str
+    frequency: float  # [Hz]
+    damping_ratio: float
+    interval: tuple[float, float]  # 95 %, of the damping ratio
+    decays: int
+
+
+@dataclass(frozen=True)
+class PlantNumbers:
+    """What the phases with the same robot tell of it.
+
+    A session can give a phase another plant: the phases with one plant are fitted together.
+    """
+
+    phases: tuple[str, ...]
+    plant: Mapping[str, Any]  # overrides of the plant in these phases, as the session noted them
+    model: IdentifiedModel
+    decays: tuple[FreeDecay, ...]
+    beams: tuple[BeamMode, ...]
+    left_out: tuple[str, ...]  # stretches that were not used, and why
+
+
+@dataclass(frozen=True)
+class RunNumbers:
+    """The numbers of a robot by a recorded run."""
+
+    run: Path
+    robot: Robot  # where the search began
+    plants: tuple[PlantNumbers, ...]
+
+    @property
+    def single(self) -> PlantNumbers:
+        """What is told of the robot.
+
+        Raises
+        ------
+        IdentificationError
+            The phases had different robots.
+        """
+        if len(self.plants) == 1:
+            return self.plants[0]
+        said = '; '.join(', '.join(map(repr, each.phases)) for each in self.plants)
+        raise IdentificationError(
+            f'{self.run}: phases must be those of one robot, got {len(self.plants)} by the '
+            f'session: {said}: choose with --phase'
+        )
+
+    @property
+    def overrides(self) -> dict[str, float | list[float]]:
+        """What was found of the one robot, by dotted path, as `Robot.with_overrides` takes it."""
+        return self.single.model.overrides
+
+
+def identify(
+    run: str | Path,
+    robot: Robot | str | Path | None = None,
+    *,
+    phases: Sequence[str] = (),
+    free: Sequence[str] = (),
+    settings: RecordingSettings | None = None,
+) -> RunNumbers:
+    """Find the numbers of a robot by a recorded run.
+
+    Parameters
+    ----------
+    run : path
+        A directory made by `denoc up`, a bag, or a table of joints and sensors.
+    robot : Robot or path, optional
+        Where the search begins; default: the robot in the bag, with the gravity of the session.
+    phases : sequence of str
+        Phases of the run that count; default: all.
+    free : sequence of str
+        What is looked for, as `identify_model` takes it. Default: stiffness and damping of all
+        beams and, where effort was recorded, a payload at the tip.
+    settings : RecordingSettings, optional
+        How the recording is read.
+
+    Raises
+    ------
+    BagError, IdentificationError, ModelError, ConfigError
+        The run cannot be read, has no such phase, or tells nothing of the robot.
+    """
+    path = Path(run)
+    bag, session = find_bag(path), read_session(path)
+    if not isinstance(robot, Robot):
+        source = recorded_description(bag) if robot is None else robot
+        robot = load_robot(source, gravity=session.get('gravity', EARTH))
+    whole = read_source(bag, robot, settings)
+    noted = {each['name']: each for each in session.get('phases', ())}
+    groups: dict[str, list[Phase]] = {}
+    for phase in recorded_phases(path, phases):
+        plant = noted.get(phase.name, {}).get('plant', {})
+        groups.setdefault(json.dumps(plant, sort_keys=True), []).append(phase)
+    tip = session.get('tip', '')
+    plants = tuple(
+        _of_one_plant(robot, whole, group, free, tip, json.loads(plant))
+        for plant, group in groups.items()
+    )
+    return RunNumbers(path, robot, plants)
+
+
+def phase_numbers(files: Sequence[Path], robot: Robot, name: str, tip: str = '') -> PlantNumbers:
+    """Find the numbers of a robot by one phase of a session that is still being recorded.
+
+    Parameters
+    ----------
+    files : sequence of Path
+        The finished files of the bag.
+    robot : Robot
+        Where the search begins.
+    tip : str
+        As of `default_free`.
+
+    Raises
+    ------
+    BagError, IdentificationError
+        The phase is not whole in one of the files, or tells nothing.
+    """
+    for file in files:
+        marks = read_marks(file)
+        for phase in phases_of((), marks):
+            if phase.name == name and phase.end_ns < LATEST_NS:
+                return _of_one_plant(robot, read_source(file, robot), [phase], (), tip, {})
+    raise IdentificationError(f'phase {name!r} must be whole in one file of the bag, got none')
+
+
+def default_free(robot: Robot, recording: Recording, tip: str = '') -> list[str]:
+    """Return what a recording may tell of a robot: its beams and, by effort, its payload.
+
+    Parameters
+    ----------
+    tip : str
+        The link that carries the payload; '': one that has a payload, else the last link.
+    """
+    ends = ('.ei', '.gj', '.stiffness', '.damping_ratio')
+    found = [
+        path
+        for path in values_of(robot.tree)
+        if path.startswith(('beam.', 'flexible.')) and path.endswith(ends)
+    ]
+    if np.isfinite(recording.effort).any():
+        carrying = carrying_links(robot.tree)
+        loaded = [path.split('.')[1] for path in robot.tree.overrides if 'payload.' in path]
+        known = [link for link in (tip, *loaded) if link in carrying]
+        found += [f'payload.{link}' for link in (known or carrying[-1:])[:1]]
+    return found
+
+
+def _of_one_plant(
+    robot: Robot,
+    whole: Recording,
+    phases: Sequence[Phase],
+    free: Sequence[str],
+    tip: str,
+    plant: Mapping[str, Any],
+) -> PlantNumbers:
+    """Fit the phases with one plant together."""
+    left_out: list[str] = []
+    stretches = [each for phase in phases for each in _stretches(whole, phase, left_out)]
+    if not stretches:
+        raise IdentificationError('\n'.join(left_out))
+    model = identify_model(robot, stretches, free or default_free(robot, whole, tip))
+    decays = tuple(decay for each in stretches for decay in _decays(robot, each))
+    names = tuple(phase.name for phase in phases)
+    return PlantNumbers(names, plant, model, decays, _combined(decays), tuple(left_out))
+
+
+def _stretches(whole: Recording, phase: Phase, left_out: list[str]) -> Iterator[Recording]:
+    """Yield the stretches of a phase between resets and gaps: a fit must not cross them."""
+    name = phase.name or whole.name
+    begin, end = (1e-9 * (ns - whole.origin_ns) for ns in (phase.begin_ns, phase.end_ns))
+    try:
+        part = whole.between(begin, end)
+    except IdentificationError as error:
+        left_out.append(f'{name}: {error}')
+        return
+    rates = np.full(part.position.shape, np.nan) if part.velocity is None else part.velocity
+    period = float(np.median(np.diff(part.t)))
+    edges = [*np.flatnonzero(motion_starts(part.t, part.position, rates, period)), len(part.t)]
+    for k, (first, last) in enumerate(itertools.pairwise(edges)):
+        begin, end = float(part.t[first]), float(part.t[last - 1])
+        own = f'{name} ({k + 1})' if len(edges) > 2 else name
+        if end - begin < SHORTEST_STRETCH or last - first < FEWEST:
+            left_out.append(
+                f'{own}: a stretch without gap or jump must last {SHORTEST_STRETCH:g} s, got '
+                f'{end - begin:.3g} s'
+            )
+        else:
+            yield replace(part.between(begin, end), name=own)
+
+
+def _decays(robot: Robot, stretch: Recording) -> Iterator[FreeDecay]:
+    """Yield the usable modes that each sensor of a beam shows while the joints stand."""
+    spans = still_spans(stretch.t, stretch.position)
+    for sensor in robot.tree.sensors:
+        if sensor.name not in stretch.sensors or not sensor.link:
+            continue
+        t, raw = stretch.sensors[sensor.name]
+        for span in spans:
+            inside = (t >= span[0]) & (t <= span[1])
+            try:
+                record = Record(t[inside], sensor.gain * raw[inside], sensor.name)
+                modes = analyse_decay(record, standing=[span]).modes
+            except DenocError:
+                continue  # a stop after which nothing swings
+            yield from _usable(stretch.name, sensor.name, sensor.link, modes)
+
+
+def _usable(phase: str, sensor: str, link: str, modes: Modes) -> Iterator[FreeDecay]:
+    for k, verdict in enumerate(modes.verdict):
+        if verdict in USABLE:
+            low, high = modes.interval[k].tolist()
+            yield FreeDecay(
+                phase,
+                float(modes.start),
+                sensor,
+                link,
+                float(modes.frequency[k]),
+                float(modes.damping_ratio[k]),
+                (low, high),
+                verdict,
+                '; '.join(modes.reasons[k]),
+            )
+
+
+def _combined(decays: Sequence[FreeDecay]) -> tuple[BeamMode, ...]:
+    """Return the modes of each beam by the means of good decays, weighted by their intervals."""
+    groups: list[list[FreeDecay]] = []
+    good = [each for each in decays if each.verdict == GOOD]
+    for decay in sorted(good, key=lambda each: (each.link, each.frequency)):
+        last = groups[-1] if groups else None
+        is_same = last is not None and (
+            last[0].link == decay.link and decay.frequency < (1.0 + SAME_MODE) * last[0].frequency
+        )
+        if is_same and last is not None:
+            last.append(decay)
+        else:
+            groups.append([decay])
+    return tuple(map(_mean_mode, groups))
+
+
+def _mean_mode(group: Sequence[FreeDecay]) -> BeamMode:
+    """Return the mean of one mode; decays that differ by more than their intervals widen it."""
+    ratios = np.array([each.damping_ratio for each in group])
+    halves = np.array([0.5 * (each.interval[1] - each.interval[0]) for each in group])
+    weights: Array = 1.0 / np.maximum(halves, 1e-12) ** 2
+    mean = float(weights @ ratios / weights.sum())
+    half = float(1.0 / np.sqrt(weights.sum()))
+    if len(group) > 1:
+        spread = np.sqrt(weights @ (ratios - mean) ** 2 / weights.sum() / (len(group) - 1))
+        half = max(half, NORMAL_95 * float(spread))
+    frequency = float(weights @ [each.frequency for each in group] / weights.sum())
+    return BeamMode(group[0].link, frequency, mean, (mean - half, mean + half), len(group))
+
+
+def noted_numbers(found: PlantNumbers) -> list[dict[str, Any]]:
+    """Return the numbers of a robot as plain values, with the path and the verdict of each."""
+    numbers: list[dict[str, Any]] = plain(result_of(found.model)['parameters'])
+    return numbers
+
+
+def number_lines(found: PlantNumbers) -> Iterator[str]:
+    """Yield the numbers that were found as text for the terminal."""
+    for one in noted_numbers(found):
+        if one['verdict'] == FOUND:
+            low, high = one['interval']
+            half = 0.5 * (high - low)
+            yield f'{one["path"]}: {one["start"]:.5g} -> {one["value"]:.5g} ± {half:.2g}'
