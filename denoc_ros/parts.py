@@ -24,7 +24,7 @@ class Verb(NamedTuple):
 
     help: str
     module: str
-    # the module with its `ACTIONS` and its `DEFAULT_ACTION`, of a verb that has actions
+    # the module with its `ACTIONS` and its `default_action`, of a verb that has actions
     actions: str = ''
 
 

@@ -196,7 +196,9 @@ def _completed(arguments: list[str]) -> list[str]:
         return arguments
     known = importlib.import_module(f'denoc_ros.{row.actions}')
     is_action = ' '.join(arguments[:2]) in CAMPAIGNS or arguments[1] in known.ACTIONS
-    return arguments if is_action else [arguments[0], known.DEFAULT_ACTION, *arguments[1:]]
+    if is_action:
+        return arguments
+    return [arguments[0], known.default_action(arguments[1:]), *arguments[1:]]
 
 
 def _show_log() -> None:

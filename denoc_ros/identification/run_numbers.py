@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 import json
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -11,16 +13,17 @@ from typing import Any
 
 import numpy as np
 
+from denoc_ros.bags.digest import file_hash
 from denoc_ros.bags.run import LATEST_NS, Phase, phases_of, read_marks
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.errors import DenocError, IdentificationError
 from denoc_ros.identification.decay.analysis import analyse_decay
 from denoc_ros.identification.decay.damping import USABLE
-from denoc_ros.identification.decay.modes import GOOD, Modes
+from denoc_ros.identification.decay.modes import GOOD, Modes, worst
 from denoc_ros.identification.decay.record_segments import still_spans
 from denoc_ros.identification.decay.records import Record
 from denoc_ros.identification.model.model_fit import IdentifiedModel, identify_model
-from denoc_ros.identification.model.model_result import result_of
+from denoc_ros.identification.model.model_result import WORDS, result_of
 from denoc_ros.identification.model.sources import (
     FEWEST,
     Recording,
@@ -29,7 +32,7 @@ from denoc_ros.identification.model.sources import (
 )
 from denoc_ros.model.numbers import values_of
 from denoc_ros.model.payloads import carrying_links
-from denoc_ros.output_files import plain
+from denoc_ros.output_files import Document, plain
 from denoc_ros.simulation.recorded.recorded_stream import motion_starts
 from denoc_ros.simulation.recorded.run_files import (
     EARTH,
@@ -43,6 +46,7 @@ from denoc_ros.types import Array
 SHORTEST_STRETCH = 2.0  # s of motion without a gap that tell of a robot
 SAME_MODE = 0.03  # largest relative distance of two frequencies of one mode
 FOUND = 'found'  # verdict of a number within 5 %
+NO_PAYLOAD = 0.01  # share of the robot's mass below which there is none
 NORMAL_95 = 1.96  # standard deviations in half a 95 % interval
 
 
@@ -320,15 +324,93 @@ def _mean_mode(group: Sequence[FreeDecay]) -> BeamMode:
     return BeamMode(group[0].link, frequency, mean, (mean - half, mean + half), len(group))
 
 
-def noted_numbers(found: PlantNumbers) -> list[dict[str, Any]]:
-    """Return the numbers of a robot as plain values, with the path and the verdict of each."""
+def run_document(found: RunNumbers, file: str = '') -> Document:
+    """Return a run's numbers as plain values.
+
+    Parameters
+    ----------
+    file : str
+        The robot's file; '': the robot in the bag.
+    """
+    bag = find_bag(found.run)
+    plants = [_plant_document(found.robot, each) for each in found.plants]
+    document = {
+        'kind': 'run',
+        'source': {'file': str(found.run), 'sha256': file_hash(bag)},
+        'method': 'output error, maximum likelihood over all channels of all phases of a plant',
+        'model': {'file': file, 'robot': found.robot.tree.name},
+        'plants': plants,
+        'verdict': worst(tuple(each['verdict'] for each in plants)),
+        'reasons': [reason for each in plants for reason in each['reasons']],
+    }
+    return dict(plain(document))
+
+
+def _plant_document(robot: Robot, found: PlantNumbers) -> Document:
+    document = result_of(found.model)
+    numbers = noted_numbers(found, robot)
+    needed = [one for one in numbers if one['needed']] or numbers
+    return {
+        'phases': list(found.phases),
+        'plant': dict(found.plant),
+        'numbers': numbers,
+        'channels': document['channels'],
+        'not_identifiable': document['not_identifiable'],
+        'decays': [dataclasses.asdict(each) for each in found.decays],
+        'beams': [dataclasses.asdict(each) for each in found.beams],
+        'left_out': list(found.left_out),
+        'verdict': worst(tuple(WORDS[one['verdict']] for one in needed)),
+        'reasons': [*found.model.reasons, *found.left_out],
+    }
+
+
+def noted_numbers(found: PlantNumbers, robot: Robot) -> list[dict[str, Any]]:
+    """Return the numbers of a robot as plain values.
+
+    Each has path, start, value, interval, verdict, and whether a motion of this robot `needed` it:
+    damping is not needed, nor what no motion shows, nor the centre of a payload that is not there.
+    """
     numbers: list[dict[str, Any]] = plain(result_of(found.model)['parameters'])
+    whole = sum(body.inertia.mass for body in robot.tree.bodies)
+    absent = {
+        one['path'].removesuffix('mass')
+        for one in numbers
+        if one['path'].startswith('payload.')
+        and one['path'].endswith('.mass')
+        and _is_no_payload(one, NO_PAYLOAD * whole)
+    }
+    for one in numbers:
+        path = one['path']
+        is_absent = path.startswith(tuple(absent)) if absent else False
+        if is_absent and path.endswith('.mass'):
+            one['verdict'] = FOUND
+        one['needed'] = not (
+            path.endswith('.damping_ratio')
+            or path in getattr(found.model, 'unseen', ())
+            or (is_absent and '.com.' in path)
+        )
     return numbers
 
 
-def number_lines(found: PlantNumbers) -> Iterator[str]:
+def _is_no_payload(mass: dict[str, Any], smallest: float) -> bool:
+    """Say whether a mass is 0 within what counts [kg], and give it an interval from 0 on then.
+
+    The search goes over the logarithm of a mass, where 0 is infinitely far: an interval that is
+    wide there is narrow in kilograms.
+    """
+    high = mass['interval'][1]
+    if mass['verdict'] == FOUND or high is None or mass['value'] <= 0.0:
+        return False
+    half = mass['value'] * math.log(high / mass['value'])
+    if mass['value'] + half > smallest:
+        return False
+    mass['interval'] = [0.0, mass['value'] + half]
+    return True
+
+
+def number_lines(found: PlantNumbers, robot: Robot) -> Iterator[str]:
     """Yield the numbers that were found as text for the terminal."""
-    for one in noted_numbers(found):
+    for one in noted_numbers(found, robot):
         if one['verdict'] == FOUND:
             low, high = one['interval']
             half = 0.5 * (high - low)

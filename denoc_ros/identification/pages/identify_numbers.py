@@ -30,7 +30,7 @@ def model_page(document: Mapping[str, Any], command: str) -> ReportPage:
     numbers = document['parameters']
     found = [one for one in numbers if one['verdict'] == 'found']
     cards = number_cards(found)
-    sections = [_numbers(numbers), _combinations(document), _channels(document['channels'])]
+    sections = [_numbers(numbers), _combinations(document), channels_section(document['channels'])]
     return result_page(
         document,
         'What the recordings say of the model',
@@ -45,7 +45,7 @@ def model_text(document: Mapping[str, Any]) -> str:
     """Return the lines of a model's numbers for a terminal."""
     notes = [*document['not_identifiable'], *document['reasons']]
     head = [_text(_numbers(document['parameters'])), '']
-    return result_text(document, head, _text(_channels(document['channels'])), notes)
+    return result_text(document, head, _text(channels_section(document['channels'])), notes)
 
 
 def _text(section: PageSection) -> str:
@@ -81,7 +81,8 @@ def _combinations(document: Mapping[str, Any]) -> PageSection | None:
     return PageSection('Not identifiable', text, tables=[PageTable([''], lines)])
 
 
-def _channels(channels: Sequence[Mapping[str, Any]]) -> PageSection:
+def channels_section(channels: Sequence[Mapping[str, Any]]) -> PageSection:
+    """Return the section on what of each measured channel the model leaves."""
     keys = ('rms_before', 'rms_after', 'held_out_before', 'held_out_after')
     rows = [
         [

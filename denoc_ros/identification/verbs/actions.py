@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from pathlib import Path
 from typing import NamedTuple
 
 
@@ -17,8 +19,10 @@ class ActionRow(NamedTuple):
 
 
 RECORDS = 'verbs.identify_records'
+RUN = 'verbs.identify_run'
 MODEL, RESULTS = 'verbs.identify_model', 'verbs.identify_results'
 ACTIONS = {
+    'run': ActionRow('stiffness, payload and damping of the robot that a run recorded', RUN),
     'info': ActionRow(
         'rate, gaps, jitter, clipping, noise of the signals of a recording', RECORDS
     ),
@@ -46,4 +50,33 @@ ACTIONS = {
     'postures': ActionRow('modes at several postures as a table for the shaper', RESULTS),
 }
 
-DEFAULT_ACTION = 'modal'
+# options of `modal` by which a command without an action is one of a single signal
+OF_A_SIGNAL = (
+    *('--topic', '--field', '--quantity', '--gain', '--offset', '--unit', '--band', '--modes'),
+    *('--at', '--joints', '--workers', '--scheduler', '--time', '--time-unit', '--rate'),
+)
+
+
+def default_action(words: Sequence[str]) -> str:
+    """Return the action of a command without one: a whole run, or a free decay of one signal.
+
+    A run is a recording that holds the robot, or one for which a robot is given.
+    """
+    given = {word.partition('=')[0] for word in words}
+    several = len(words) > 1 and not words[1].startswith('-')
+    if several or given & {*OF_A_SIGNAL}:
+        return 'modal'
+    return 'run' if _holds_robot(Path(words[0])) else 'modal'
+
+
+def _holds_robot(path: Path) -> bool:
+    """Say whether a recording is that of a whole robot; one that cannot be read is not."""
+    from denoc_ros.bags.reader import bag_topics, read_description
+    from denoc_ros.errors import DenocError
+    from denoc_ros.simulation.recorded.run_files import find_bag
+
+    try:
+        bag = find_bag(path)
+        return bool(read_description(bag)) and '/joint_states' in bag_topics(bag)
+    except DenocError:
+        return False

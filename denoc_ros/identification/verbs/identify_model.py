@@ -100,7 +100,7 @@ def _add_model(parser: argparse.ArgumentParser) -> None:
     text = 'last part of each run that a first fit does not see and is judged by'
     add_number(parser, '--held-out PART', default_of(identify_model, 'held_out'), text)
     _add_outputs(parser)
-    _add_recording(parser)
+    add_recording(parser)
     add_worker_options(parser)
 
 
@@ -122,7 +122,8 @@ def _add_outputs(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def _add_recording(parser: argparse.ArgumentParser) -> None:
+def add_recording(parser: argparse.ArgumentParser) -> None:
+    """Declare the options that say how a recording is read."""
     group = parser.add_argument_group('the recordings')
     for option, dest, read, text in (
         (
@@ -211,15 +212,26 @@ def _model(
         return rows_result(model_rows(options), options, paths, output, workers, not json)
     with Progress().step('identifying'):
         document, found = options.identify(paths)
-    return Fit(document, head=[] if apply is None else _applied(apply, options, found))
+    head = [] if apply is None else write_applied(apply, options.file, options.robot, found)
+    return Fit(document, head=head)
 
 
-def _applied(target: Path, options: ModelOptions, found: IdentifiedModel) -> list[str]:
-    """Write the robot's description with the found numbers; return the lines that say so."""
-    text, left = applied_description(options.file, found)
+def write_applied(
+    target: Path, source: str | Path, shown: str, found: IdentifiedModel
+) -> list[str]:
+    """Write the robot's description with the found numbers; return the lines that say so.
+
+    Parameters
+    ----------
+    source : str or Path
+        The description where the search began, as text or as a file.
+    shown : str
+        What lines call it.
+    """
+    text, left = applied_description(source, found)
     write_text(target, text)
     return [
-        f'{target}: {options.robot} with what was found',
+        f'{target}: {shown} with what was found',
         *(f'  not identifiable, as in the file: {path}' for path in not_applied(found)),
         *(f'  not of a description, for --set: {path}={value}' for path, value in left.items()),
     ]

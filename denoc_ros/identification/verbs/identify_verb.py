@@ -11,9 +11,10 @@ if TYPE_CHECKING:
     from denoc_ros.cli.verb_result import VerbResult
 
 DESCRIPTION = (
-    'Identify modes and their damping, joint friction and frequency responses from bags (MCAP, '
-    'db3) or tables (CSV, MATLAB, JSON). `denoc identify BAG` is `denoc identify modal BAG`. Exit '
-    'status: 0 good, 1 bad input, 2 doubtful, 3 not identifiable.'
+    'Identify stiffness, payload, damping, joint friction and frequency responses from runs, bags '
+    '(MCAP, db3) or tables (CSV, MATLAB, JSON). `denoc identify RUN` is `denoc identify run RUN` '
+    'where the recording holds the robot, else `denoc identify modal RUN`. Exit status: 0 good, 1 '
+    'bad input, 2 doubtful, 3 not identifiable.'
 )
 
 
