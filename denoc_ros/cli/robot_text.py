@@ -14,6 +14,7 @@ from denoc_ros.dynamics.elastic.shape_losses import shape_losses
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.estimation.observability import observability
 from denoc_ros.model.numbers import JOINT_FIELDS
+from denoc_ros.model.payloads import six_numbers
 from denoc_ros.model.tree import Beam, Body, InertialSensor, Joint, Sensor, Tree
 from denoc_ros.output_files import plain
 from denoc_ros.text_table import Row, cell_text, text_table
@@ -45,14 +46,14 @@ def summarize(robot: Robot, postures: Sequence[Posture] = ()) -> Row:
     Returns
     -------
     dict
-        `robot`, `mass_kg`, `coordinates`, `links`, `joints`, `springs`, `beams`, `shapes` (what
-        they lose at each beam's tip and where something hangs on it), `sensors`,
-        `loops` (mimic joints too), `mechanism` (what the loops leave to move, one row or none),
+        `robot`, `mass_kg`, `coordinates`, `links` (payloads included), `payloads`, `joints`,
+        `springs`, `beams`, `shapes` (what they lose at each beam's tip and where something
+        hangs on it), `sensors`, `loops` (mimic joints too), `mechanism` (what the loops leave to
+        move, one row or none),
         `natural_frequencies_hz` (joints held, all coordinates zero; negative: unstable),
         `observability` (of modes and biases by sensors with noise, there), `postures` (both in
         equilibrium at others), `without_rotors` (joints of flexible links that have no rotor
-        inertia) and `warnings`. Numbers that are infinite
-        stand as None.
+        inertia) and `warnings`. Numbers that are infinite stand as None.
     """
     tree = robot.tree
     links = [_link(body, tree.bodies) for body in tree.bodies if body.segment == 1]
@@ -66,6 +67,7 @@ def summarize(robot: Robot, postures: Sequence[Posture] = ()) -> Row:
         'mass_kg': sum(link['mass_kg'] for link in links),
         'coordinates': list(robot.coordinate_names),
         'links': links,
+        'payloads': _payloads(tree),
         'joints': joints,
         'springs': springs,
         'beams': beams,
@@ -179,6 +181,18 @@ def _link(body: Body, bodies: Sequence[Body]) -> Row:
     }
 
 
+def _payloads(tree: Tree) -> list[Row]:
+    return [
+        {
+            'link': link,
+            'mass_kg': payload.mass,
+            'com_m': payload.com,
+            'inertia_kg_m2': six_numbers(payload.inertia),
+        }
+        for link, payload in tree.payloads.items()
+    ]
+
+
 def _joint(joint: Joint, link: str) -> Row:
     return {
         'joint': joint.name,
@@ -277,8 +291,8 @@ def robot_text(summary: Mapping[str, Any]) -> str:
         f'{len(summary["coordinates"])} coordinates'
     ]
     tables = (
-        'links', 'joints', 'springs', 'beams', 'flexible', 'shapes', 'sensors', 'loops',
-        'mechanism',
+        'links', 'payloads', 'joints', 'springs', 'beams', 'flexible', 'shapes', 'sensors',
+        'loops', 'mechanism',
     )  # fmt: skip
     for title in tables:
         if summary[title]:

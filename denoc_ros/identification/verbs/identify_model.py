@@ -216,12 +216,10 @@ def _model(
 
 def _applied(target: Path, options: ModelOptions, found: IdentifiedModel) -> list[str]:
     """Write the robot's description with the found numbers; return the lines that say so."""
-    text, left = applied_description(options.file, found)
-    write_text(target, text)
+    write_text(target, applied_description(options.file, found))
     return [
         f'{target}: {options.robot} with what was found',
         *(f'  not identifiable, as in the file: {path}' for path in not_applied(found)),
-        *(f'  not of a description, for --set: {path}={value}' for path, value in left.items()),
     ]
 
 

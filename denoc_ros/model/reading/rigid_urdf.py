@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from lxml import etree
 
-from denoc_ros.model.inertia import from_centre, moved
+from denoc_ros.model.inertia import ROUNDED, ROUNDED_ZERO, from_centre, moved
 from denoc_ros.model.reading.findings import Element, Findings, Reader
 from denoc_ros.model.tree import Joint, JointKind, Limits, Mimic, RigidInertia
 from denoc_ros.types import Array
@@ -24,8 +24,6 @@ KINDS = {
     'floating': JointKind.FLOATING,
 }
 ENDS = ('parent', 'child', 'origin')
-# of the largest principal moment, and of moments that are zero [kg m^2]: what rounding leaves
-ROUNDED, ROUNDED_ZERO = 1e-3, 1e-12
 WITHOUT_AXIS = ('fixed', 'floating')
 CHECKED = (*ENDS, 'axis', 'limit', 'dynamics', 'mimic')  # of a joint; the rest is not read
 
