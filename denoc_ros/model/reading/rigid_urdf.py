@@ -85,10 +85,10 @@ def read_rigid_urdf(root: Element, findings: Findings, warnings: list[str]) -> R
 def _check_expanded(root: Element, findings: Findings) -> None:
     """Note, once, elements that xacro should have replaced."""
     for element in root.iterchildren('{*}*'):
-        name = etree.QName(element)
-        if 'xacro' in (name.namespace or ''):
+        namespace, _, name = element.tag.rpartition('}')
+        if 'xacro' in namespace or name.startswith('xacro:'):
             rule = 'must be expanded first: xacro FILE.xacro > FILE.urdf'
-            findings.add('robot', f'xacro {rule}, got <xacro:{name.localname}>')
+            findings.add('robot', f'xacro {rule}, got <xacro:{name.removeprefix("xacro:")}>')
             return
 
 
