@@ -12,6 +12,7 @@ import numpy as np
 from denoc_ros.dynamics.assembling import mobility
 from denoc_ros.dynamics.elastic.shape_losses import shape_losses
 from denoc_ros.dynamics.robot import Robot
+from denoc_ros.dynamics.singular_inertia import coordinates_without_inertia
 from denoc_ros.estimation.observability import observability
 from denoc_ros.model.numbers import JOINT_FIELDS
 from denoc_ros.model.payloads import six_numbers
@@ -88,7 +89,7 @@ def summarize(robot: Robot, postures: Sequence[Posture] = ()) -> Row:
             for posture in postures
         ],
         'without_rotors': _without_rotors(tree),
-        'warnings': list(tree.warnings),
+        'warnings': [*tree.warnings, *_without_inertia(robot)],
     }
     return dict(plain(row))
 
@@ -109,6 +110,17 @@ def _without_rotors(tree: Tree) -> list[str]:
         if bends and joint is not None and not joint.armature and joint.mimic is None:
             found.append(joint.name)
     return found
+
+
+def _without_inertia(robot: Robot) -> list[str]:
+    """Return a warning for each joint that moves no inertia; springs without rotors have one."""
+    joints = robot.tree.joints
+    return [
+        f'{"joint" if name in joints else "coordinate"} {name!r}: should move an inertia (forward '
+        f'dynamics need it), got none: {remedy}'
+        for name, remedy in coordinates_without_inertia(robot).items()
+        if name not in joints or joints[name].spring is None
+    ]
 
 
 def _observability(robot: Robot, q: Array) -> list[Row]:

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from denoc_ros.dynamics.base.base_motion import AT_REST, Base, BaseMotion, as_base_motion
 from denoc_ros.dynamics.elastic.section import AnySection
+from denoc_ros.dynamics.singular_inertia import coordinates_without_inertia
 from denoc_ros.dynamics.validation import as_vector, require_finite, require_rotors
 from denoc_ros.errors import SolverError, StateError
 from denoc_ros.kernels.constraints import closing, closure, constrained
@@ -558,7 +559,10 @@ class RobotModel:
         require_finite(arguments)
         if status == SINGULAR:
             require_rotors(self.tree)
-            raise SolverError(f'{self.tree.name}: the inertia must be positive definite, got none')
+            lacking = coordinates_without_inertia(self, arguments.get('q'))
+            which = next((f' of {name!r}: {remedy}' for name, remedy in lacking.items()), '')
+            rule = 'the inertia must be positive definite, got none'
+            raise SolverError(f'{self.tree.name}: {rule}{which}')
         raise StateError('the result must be finite, got an overflow from finite arguments')
 
 
