@@ -16,6 +16,7 @@ from denoc_ros.dynamics.singular_inertia import coordinates_without_inertia
 from denoc_ros.estimation.observability import observability
 from denoc_ros.model.numbers import JOINT_FIELDS
 from denoc_ros.model.payloads import six_numbers
+from denoc_ros.model.reading.inertia_doubts import inertia_doubts
 from denoc_ros.model.tree import Beam, Body, InertialSensor, Joint, Sensor, Tree
 from denoc_ros.output_files import plain
 from denoc_ros.text_table import Row, cell_text, text_table
@@ -54,7 +55,8 @@ def summarize(robot: Robot, postures: Sequence[Posture] = ()) -> Row:
         `natural_frequencies_hz` (joints held, all coordinates zero; negative: unstable),
         `observability` (of modes and biases by sensors with noise, there), `postures` (both in
         equilibrium at others), `without_rotors` (joints of flexible links that have no rotor
-        inertia) and `warnings`. Numbers that are infinite stand as None.
+        inertia), and texts: `errors` (none here), `warnings` (the result is doubtful) and `hints`
+        (it could be better). Numbers that are infinite stand as None.
     """
     tree = robot.tree
     links = [_link(body, tree.bodies) for body in tree.bodies if body.segment == 1]
@@ -63,6 +65,7 @@ def summarize(robot: Robot, postures: Sequence[Posture] = ()) -> Row:
     beams = _beams([body for body in tree.bodies if body.segment == 1])
     frequencies = robot.natural_frequencies(np.zeros(robot.n), held=True)
     sensors: tuple[Sensor | InertialSensor, ...] = (*tree.sensors, *tree.inertial_sensors)
+    shapes, mechanism = _shapes(robot), _mechanism(robot)
     row = {
         'robot': tree.name,
         'mass_kg': sum(link['mass_kg'] for link in links),
@@ -73,11 +76,11 @@ def summarize(robot: Robot, postures: Sequence[Posture] = ()) -> Row:
         'springs': springs,
         'beams': beams,
         'flexible': [row for body in tree.bodies for row in _components(body)],
-        'shapes': _shapes(robot),
+        'shapes': shapes,
         'sensors': [
             {'sensor': s.name, 'type': s.type, 'link': s.link, 'topic': s.topic} for s in sensors
         ],
-        **_mechanism(robot),
+        **mechanism,
         'natural_frequencies_hz': frequencies,
         'observability': _observability(robot, np.zeros(robot.n)),
         'postures': [
@@ -89,7 +92,14 @@ def summarize(robot: Robot, postures: Sequence[Posture] = ()) -> Row:
             for posture in postures
         ],
         'without_rotors': _without_rotors(tree),
-        'warnings': [*tree.warnings, *_without_inertia(robot)],
+        'errors': [],
+        'warnings': [
+            *tree.warnings,
+            *inertia_doubts(tree),
+            *_without_inertia(robot),
+            *(f'mechanism: {row["failure"]}' for row in mechanism['mechanism'] if row['failure']),
+        ],
+        'hints': _hints(tree, shapes),
     }
     return dict(plain(row))
 
@@ -110,6 +120,18 @@ def _without_rotors(tree: Tree) -> list[str]:
         if bends and joint is not None and not joint.armature and joint.mimic is None:
             found.append(joint.name)
     return found
+
+
+def _hints(tree: Tree, shapes: Sequence[Row]) -> list[str]:
+    """Return what would make the model better; its results are good without it."""
+    found = [
+        f'beam {row["link"]!r} ({row["direction"]}): {row["shape"]} shapes lose compliance or '
+        f'frequency at {row["at"]}: {row["remedy"]}'
+        for row in shapes
+        if row['remedy']
+    ]
+    joints = _without_rotors(tree)
+    return [*found, WITHOUT_ROTORS.format(', '.join(joints))] if joints else found
 
 
 def _without_inertia(robot: Robot) -> list[str]:
