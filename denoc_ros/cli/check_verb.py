@@ -11,8 +11,9 @@ from denoc_ros.cli.postures import add_postures, read_postures
 from denoc_ros.cli.robot_text import robot_text, summarize
 from denoc_ros.cli.session.session_config import find_file
 from denoc_ros.cli.verb_result import VerbResult
+from denoc_ros.cli.verbs import BAD_INPUT, DOUBTFUL
 from denoc_ros.dynamics.robot import load_robot
-from denoc_ros.errors import ConfigError
+from denoc_ros.errors import ConfigError, DenocError
 from denoc_ros.parts import optional
 
 # what else the verb does: the option that asks for it, and the module of the part that does it
@@ -45,17 +46,28 @@ def _ways() -> dict[str, Any]:
 
 
 def run(args: argparse.Namespace) -> VerbResult:
-    """List the robot's parts, its frequency responses or proposed beams; errors are raised."""
+    """List the robot's parts, its frequency responses or proposed beams.
+
+    Exit status 2 with warnings. Errors are raised; with `--json` they are printed as well.
+    """
     check_options(args)
     file = find_file(Path(args.robot), Path()) or args.robot
     for option, way in _ways().items():
         if getattr(args, option):
             found: VerbResult = way.run(args, file)
             return found
-    robot = load_robot(file, gravity=tuple(args.gravity))
-    summary = summarize(robot, read_postures(robot, args.at))
+    try:
+        robot = load_robot(file, gravity=tuple(args.gravity))
+        summary = summarize(robot, read_postures(robot, args.at))
+    except DenocError as error:
+        if not args.json:
+            raise
+        lines = str(error).splitlines()
+        document = {'errors': lines, 'warnings': [], 'hints': []}
+        return VerbResult(document, (), BAD_INPUT, [f'denoc check: {line}' for line in lines])
     warnings = [f'denoc check: warning: {warning}' for warning in summary['warnings']]
-    return VerbResult(summary, [robot_text(summary)], notes=() if args.json else warnings)
+    status = DOUBTFUL if warnings else 0
+    return VerbResult(summary, [robot_text(summary)], status, () if args.json else warnings)
 
 
 def check_options(args: argparse.Namespace) -> None:

@@ -12,8 +12,11 @@ import numpy as np
 from denoc_ros.dynamics.assembling import mobility
 from denoc_ros.dynamics.elastic.shape_losses import shape_losses
 from denoc_ros.dynamics.robot import Robot
+from denoc_ros.dynamics.singular_inertia import coordinates_without_inertia
 from denoc_ros.estimation.observability import observability
 from denoc_ros.model.numbers import JOINT_FIELDS
+from denoc_ros.model.payloads import six_numbers
+from denoc_ros.model.reading.inertia_doubts import inertia_doubts
 from denoc_ros.model.tree import Beam, Body, InertialSensor, Joint, Sensor, Tree
 from denoc_ros.output_files import plain
 from denoc_ros.text_table import Row, cell_text, text_table
@@ -45,14 +48,15 @@ def summarize(robot: Robot, postures: Sequence[Posture] = ()) -> Row:
     Returns
     -------
     dict
-        `robot`, `mass_kg`, `coordinates`, `links`, `joints`, `springs`, `beams`, `shapes` (what
-        they lose at each beam's tip and where something hangs on it), `sensors`,
-        `loops` (mimic joints too), `mechanism` (what the loops leave to move, one row or none),
+        `robot`, `mass_kg`, `coordinates`, `links` (payloads included), `payloads`, `joints`,
+        `springs`, `beams`, `shapes` (what they lose at each beam's tip and where something
+        hangs on it), `sensors`, `loops` (mimic joints too), `mechanism` (what the loops leave to
+        move, one row or none),
         `natural_frequencies_hz` (joints held, all coordinates zero; negative: unstable),
         `observability` (of modes and biases by sensors with noise, there), `postures` (both in
         equilibrium at others), `without_rotors` (joints of flexible links that have no rotor
-        inertia) and `warnings`. Numbers that are infinite
-        stand as None.
+        inertia), and texts: `errors` (none here), `warnings` (the result is doubtful) and `hints`
+        (it could be better). Numbers that are infinite stand as None.
     """
     tree = robot.tree
     links = [_link(body, tree.bodies) for body in tree.bodies if body.segment == 1]
@@ -61,20 +65,22 @@ def summarize(robot: Robot, postures: Sequence[Posture] = ()) -> Row:
     beams = _beams([body for body in tree.bodies if body.segment == 1])
     frequencies = robot.natural_frequencies(np.zeros(robot.n), held=True)
     sensors: tuple[Sensor | InertialSensor, ...] = (*tree.sensors, *tree.inertial_sensors)
+    shapes, mechanism = _shapes(robot), _mechanism(robot)
     row = {
         'robot': tree.name,
         'mass_kg': sum(link['mass_kg'] for link in links),
         'coordinates': list(robot.coordinate_names),
         'links': links,
+        'payloads': _payloads(tree),
         'joints': joints,
         'springs': springs,
         'beams': beams,
         'flexible': [row for body in tree.bodies for row in _components(body)],
-        'shapes': _shapes(robot),
+        'shapes': shapes,
         'sensors': [
             {'sensor': s.name, 'type': s.type, 'link': s.link, 'topic': s.topic} for s in sensors
         ],
-        **_mechanism(robot),
+        **mechanism,
         'natural_frequencies_hz': frequencies,
         'observability': _observability(robot, np.zeros(robot.n)),
         'postures': [
@@ -86,7 +92,14 @@ def summarize(robot: Robot, postures: Sequence[Posture] = ()) -> Row:
             for posture in postures
         ],
         'without_rotors': _without_rotors(tree),
-        'warnings': list(tree.warnings),
+        'errors': [],
+        'warnings': [
+            *tree.warnings,
+            *inertia_doubts(tree),
+            *_without_inertia(robot),
+            *(f'mechanism: {row["failure"]}' for row in mechanism['mechanism'] if row['failure']),
+        ],
+        'hints': _hints(tree, shapes),
     }
     return dict(plain(row))
 
@@ -107,6 +120,29 @@ def _without_rotors(tree: Tree) -> list[str]:
         if bends and joint is not None and not joint.armature and joint.mimic is None:
             found.append(joint.name)
     return found
+
+
+def _hints(tree: Tree, shapes: Sequence[Row]) -> list[str]:
+    """Return what would make the model better; its results are good without it."""
+    found = [
+        f'beam {row["link"]!r} ({row["direction"]}): {row["shape"]} shapes lose compliance or '
+        f'frequency at {row["at"]}: {row["remedy"]}'
+        for row in shapes
+        if row['remedy']
+    ]
+    joints = _without_rotors(tree)
+    return [*found, WITHOUT_ROTORS.format(', '.join(joints))] if joints else found
+
+
+def _without_inertia(robot: Robot) -> list[str]:
+    """Return a warning for each joint that moves no inertia; springs without rotors have one."""
+    joints = robot.tree.joints
+    return [
+        f'{"joint" if name in joints else "coordinate"} {name!r}: should move an inertia (forward '
+        f'dynamics need it), got none: {remedy}'
+        for name, remedy in coordinates_without_inertia(robot).items()
+        if name not in joints or joints[name].spring is None
+    ]
 
 
 def _observability(robot: Robot, q: Array) -> list[Row]:
@@ -177,6 +213,18 @@ def _link(body: Body, bodies: Sequence[Body]) -> Row:
         'beam_mass_kg': float(mass - rigid),
         'modes': body.amplitudes if beam is None else beam.segments * sum(beam.modes),
     }
+
+
+def _payloads(tree: Tree) -> list[Row]:
+    return [
+        {
+            'link': link,
+            'mass_kg': payload.mass,
+            'com_m': payload.com,
+            'inertia_kg_m2': six_numbers(payload.inertia),
+        }
+        for link, payload in tree.payloads.items()
+    ]
 
 
 def _joint(joint: Joint, link: str) -> Row:
@@ -277,8 +325,8 @@ def robot_text(summary: Mapping[str, Any]) -> str:
         f'{len(summary["coordinates"])} coordinates'
     ]
     tables = (
-        'links', 'joints', 'springs', 'beams', 'flexible', 'shapes', 'sensors', 'loops',
-        'mechanism',
+        'links', 'payloads', 'joints', 'springs', 'beams', 'flexible', 'shapes', 'sensors',
+        'loops', 'mechanism',
     )  # fmt: skip
     for title in tables:
         if summary[title]:

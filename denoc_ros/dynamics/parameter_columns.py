@@ -27,7 +27,7 @@ from denoc_ros.model.numbers import (
     own_path,
     some_of,
 )
-from denoc_ros.model.payloads import carrying_links, payloads_of
+from denoc_ros.model.payloads import carrying_links
 from denoc_ros.model.tree import Beam, RigidInertia
 from denoc_ros.types import Array
 
@@ -231,7 +231,7 @@ def _centre(robot: RobotModel, link: str) -> Array:
     held = robot.payload_centre(link)
     if held is not None:
         return held
-    modelled = payloads_of(robot.tree.overrides, robot.tree).get(link)
+    modelled = robot.tree.payloads.get(link)
     return np.zeros(3) if modelled is None else modelled.com
 
 
@@ -334,10 +334,9 @@ class LiveNumbers:
 
 
 def _value(robot: RobotModel, number: Number) -> float:
-    value = float(np.ravel(number.get(robot.tree))[0])
     if number.term == 'inertia':
-        value += robot.payload_mass(number.path.removeprefix('payload.').removesuffix('.mass'))
-    return value
+        return robot.payload_mass(number.path.removeprefix('payload.').removesuffix('.mass'))
+    return float(np.ravel(number.get(robot.tree))[0])
 
 
 def _massive(robot: Held, column: Column) -> Held:

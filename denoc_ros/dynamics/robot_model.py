@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from denoc_ros.dynamics.base.base_motion import AT_REST, Base, BaseMotion, as_base_motion
 from denoc_ros.dynamics.elastic.section import AnySection
+from denoc_ros.dynamics.singular_inertia import coordinates_without_inertia
 from denoc_ros.dynamics.validation import as_vector, require_finite, require_rotors
 from denoc_ros.errors import SolverError, StateError
 from denoc_ros.kernels.constraints import closing, closure, constrained
@@ -26,10 +27,17 @@ from denoc_ros.kernels.layout import layout as at_
 from denoc_ros.kernels.springs.link_side_dynamics import STATES as LINK_STATES
 from denoc_ros.model.arrays import ModelArrays, inertia_row, rigid_inertia, to_arrays
 from denoc_ros.model.coordinates import diagonals
-from denoc_ros.model.inertia import difference, from_centre, inverse_transform, moved, total
+from denoc_ros.model.inertia import (
+    difference,
+    from_centre,
+    inverse_transform,
+    moved,
+    possible,
+    total,
+)
 from denoc_ros.model.numbers import with_numbers
 from denoc_ros.model.overrides import with_overrides
-from denoc_ros.model.payloads import payloads_of
+from denoc_ros.model.payloads import INERTIA_RULE, NO_PAYLOAD
 from denoc_ros.model.tree import RigidInertia, Tree
 from denoc_ros.types import Array
 
@@ -384,7 +392,9 @@ class RobotModel:
     def set_payload(
         self, frame: str, mass: float, com: ArrayLike = (0, 0, 0), inertia: ArrayLike | None = None
     ) -> None:
-        """Set the rigid payload of a frame, which replaces the previous one; live.
+        """Set the rigid payload of a frame, which replaces the one set before; live.
+
+        It adds to a payload that the model has (`<payload>` and overrides `payload.*`).
 
         Parameters
         ----------
@@ -408,14 +418,12 @@ class RobotModel:
         """
         if not self._payloads:
             return self
-        given = {p: v for p, v in self.tree.overrides.items() if p.startswith('payload.')}
-        modelled = payloads_of(given, self.tree)
         overrides: dict[str, Any] = {}
         for frame, row in self._payloads.items():
             at = self.tree.frames[frame]
             set_load = rigid_inertia(row, self.arrays.body_axes(at.body))
             load = moved(set_load, inverse_transform(at.placement))
-            if (own := modelled.get(frame)) is not None:
+            if (own := self.tree.payloads.get(frame)) is not None:
                 load = total(load, from_centre(own.mass, own.com, own.inertia))
             com = load.first_moment / load.mass if load.mass > 0.0 else np.zeros(3)
             about = difference(load, from_centre(load.mass, com, np.zeros((3, 3)))).inertia
@@ -450,9 +458,9 @@ class RobotModel:
             constants[at : at + 10] += added
 
     def payload_mass(self, frame: str) -> float:
-        """Mass [kg] of the payload that was set on a frame; 0 without one."""
-        row = self._payloads.get(frame)
-        return 0.0 if row is None else float(row[0])
+        """Mass [kg] of the payload on a frame: the model's and what was set; 0 without one."""
+        own, row = self.tree.payloads.get(frame, NO_PAYLOAD), self._payloads.get(frame)
+        return own.mass + (0.0 if row is None else float(row[0]))
 
     def _take_payloads(self, other: RobotModel) -> None:
         """Carry the payloads and scaled loads of another robot with the same links."""
@@ -483,7 +491,7 @@ class RobotModel:
         return float(np.prod(at_body))
 
     def payload_centre(self, frame: str) -> Array | None:
-        """Return the centre of mass (3,) of a frame's payload in its axes; None: no payload."""
+        """Return the centre of mass (3,) of a frame's set payload in its axes; None: none."""
         row = self._payloads.get(frame)
         if row is None or row[0] == 0.0:
             return None
@@ -551,7 +559,10 @@ class RobotModel:
         require_finite(arguments)
         if status == SINGULAR:
             require_rotors(self.tree)
-            raise SolverError(f'{self.tree.name}: the inertia must be positive definite, got none')
+            lacking = coordinates_without_inertia(self, arguments.get('q'))
+            which = next((f' of {name!r}: {remedy}' for name, remedy in lacking.items()), '')
+            rule = 'the inertia must be positive definite, got none'
+            raise SolverError(f'{self.tree.name}: {rule}{which}')
         raise StateError('the result must be finite, got an overflow from finite arguments')
 
 
@@ -579,16 +590,13 @@ def payload_inertia(
     Raises
     ------
     StateError
-        The mass is negative or not finite, or the inertia is not symmetric positive semidefinite.
+        The mass is negative or not finite, or no body has the inertia.
     """
     centre = as_vector('com', com, (3,))
     about = np.zeros((3, 3)) if inertia is None else as_vector('inertia', inertia, (3, 3))
     if not (np.isfinite(mass) and mass >= 0.0):
         raise StateError(f'payload mass must be >= 0 kg, got {mass}')
-    moments = np.linalg.eigvalsh(about)
     scale = 1e-9 * max(1.0, float(np.abs(about).max()))
-    if not np.allclose(about, about.T, atol=scale) or moments[0] < -scale:
-        raise StateError(
-            f'payload inertia must be symmetric positive semidefinite, got {about.tolist()}'
-        )
+    if not np.allclose(about, about.T, atol=scale) or not possible(about):
+        raise StateError(f'payload {INERTIA_RULE}, got {about.tolist()}')
     return moved(from_centre(float(mass), centre, about), placement)

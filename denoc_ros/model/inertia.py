@@ -99,6 +99,27 @@ def pseudo_inertia(body: RigidInertia, length: float) -> Array:
     return pseudo
 
 
+# of the largest principal moment, and of moments that are zero [kg m^2]: what rounding leaves
+ROUNDED, ROUNDED_ZERO = 1e-3, 1e-12
+
+
+def possible(inertia: Array, shifted: float = 0.0) -> bool:
+    """Say whether some body has an inertia (3, 3) [kg m^2] about its centre of mass.
+
+    Then no principal moment is above the sum of the others, so that none is negative either.
+
+    Parameters
+    ----------
+    shifted : float
+        Mass times the square of a distance [kg m^2] that was subtracted: its rounding counts as
+        zero.
+    """
+    lowest, middle, highest = np.linalg.eigvalsh(inertia)
+    size = max(abs(lowest), abs(highest))
+    zero = ROUNDED_ZERO * max(1.0, shifted)
+    return bool(highest - middle - lowest <= max(ROUNDED * size, zero))
+
+
 # the rest of a link beside its beam -------------------------------------------------------------
 
 ROUNDING = 1e-9  # of the link's pseudo-inertia: what arithmetic leaves of an exact zero

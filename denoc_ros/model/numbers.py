@@ -29,8 +29,16 @@ from denoc_ros.model.beams.segments import (
 )
 from denoc_ros.model.coordinates import PARTS as FLOATING
 from denoc_ros.model.coordinates import diagonals
-from denoc_ros.model.payloads import PAYLOAD_SIZES, WHERE, carrying_links, with_payloads
-from denoc_ros.model.reading.findings import LARGEST, SMALLEST, Findings, as_text
+from denoc_ros.model.inertia import possible
+from denoc_ros.model.payloads import (
+    NO_PAYLOAD,
+    PAYLOAD_SIZES,
+    carrying_links,
+    six_numbers,
+    symmetric,
+    with_payloads,
+)
+from denoc_ros.model.reading.findings import LARGEST, SMALLEST, Findings
 from denoc_ros.model.sensors import deviation_fields, sensor_row
 from denoc_ros.model.tree import INERTIAL_UNITS, Body, Joint, Sensor, Tree
 from denoc_ros.types import Array
@@ -54,6 +62,7 @@ SPRING_FIELDS = {
 SENSOR_FIELDS = ('gain', 'offset', 'noise')
 PAYLOAD_UNITS = {'mass': 'kg', 'com': 'm', 'inertia': 'kg m^2'}
 SHOWN = 12  # paths in a message
+WHERE = 'overrides'
 HELD = 'numbers'  # name of a tree's catalogue among its cached properties
 
 
@@ -204,18 +213,35 @@ def _of_beams(sensor: Sensor, tree: Tree) -> Sensor:
 
 
 class PayloadNumber(Number):
-    """Mass, centre of mass or inertia of a link's payload, which is in the tree's overrides."""
+    """Mass, centre of mass or inertia of a link's payload."""
+
+    @property
+    def link(self) -> str:
+        """The link that carries the payload."""
+        return self.path.removeprefix('payload.').removesuffix(f'.{self.attribute}')
 
     def get(self, tree: Tree) -> Value:
-        """Return the payload's, 0 without one."""
-        given = as_text(tree.overrides.get(self.path)) or '0 ' * self.counts[0]
-        numbers = [float(part) for part in given.split()]
-        return numbers[0] if self.attribute == 'mass' else numbers
+        """Return the payload's, 0 without one; of an inertia ixx ixy ixz iyy iyz izz."""
+        value = getattr(tree.payloads.get(self.link, NO_PAYLOAD), self.attribute)
+        if self.attribute == 'mass':
+            return float(value)
+        return list((six_numbers(value) if self.attribute == 'inertia' else value).tolist())
 
     def set(self, tree: Tree, values: Array) -> Tree:
         """Return the robot with another payload."""
-        value = values.item() if self.attribute == 'mass' else values.tolist()
-        return with_payloads(replace(tree, overrides={**tree.overrides, self.path: value}))
+        value: Any = values
+        if self.attribute == 'mass':
+            value = values.item()
+        elif self.attribute == 'inertia':
+            value = symmetric(values)
+        payload = replace(tree.payloads.get(self.link, NO_PAYLOAD), **{self.attribute: value})
+        return with_payloads(replace(tree, payloads={**tree.payloads, self.link: payload}))
+
+    def allows(self, tree: Tree, values: Array) -> bool:
+        """Say whether the checks of a description are sure to accept values (k,)."""
+        if not super().allows(tree, values):
+            return False
+        return self.attribute != 'inertia' or possible(symmetric(values))
 
 
 # the catalogue ----------------------------------------------------------------------------------

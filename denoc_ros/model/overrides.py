@@ -24,11 +24,12 @@ from denoc_ros.model.numbers import (
     JOINT_FIELDS,
     SENSOR_FIELDS,
     SPRING_FIELDS,
+    WHERE,
     merged_overrides,
     other_names,
     plain_paths,
 )
-from denoc_ros.model.payloads import WHERE, carrying_links, read_payload, with_payloads
+from denoc_ros.model.payloads import moving_links, payload_text
 from denoc_ros.model.reading.findings import Element, Findings, as_text, unknown_path
 from denoc_ros.model.reading.poses import number_text, rotation_rpy, rpy_of
 from denoc_ros.model.reading.source import parse_xml, read_source, written
@@ -73,42 +74,27 @@ def with_overrides(source: Tree | str | os.PathLike[str], overrides: Mapping[str
     if isinstance(source, Tree):
         plain = merged_overrides(source, plain)
     description.change(plain)
-    tree = replace(tree_of(description.root, where, text, folder), overrides=plain)
-    for link in description.payloads:
-        if link not in carrying_links(tree):
-            rule = 'must be on a link that moves or is flexible, got one fixed to the base'
-            raise ConfigError(WHERE, [f"path 'payload.{link}': {rule}"])
-    return with_payloads(tree) if description.payloads else tree
+    return replace(tree_of(description.root, where, text, folder), overrides=plain)
 
 
 def edited_description(source: str | os.PathLike[str], overrides: Mapping[str, Any]) -> str:
-    """Return a description's text with numbers of beams and joints changed, the rest as it was.
+    """Return a description's text with some numbers changed as `with_overrides` changes them.
 
-    Parameters
-    ----------
-    overrides : mapping
-        As `with_overrides`, without payloads: a description has no place for them.
+    The rest is as it was.
     """
     where, text = read_source(source)
     description = _Description(parse_xml(where, text, whole=True))
-    description.change(plain_paths(description.paths, overrides), payloads=False)
+    description.change(plain_paths(description.paths, overrides))
     edited = written(description.root, text)
     tree_of(parse_xml(where, edited), where, edited)
     return edited
 
 
 class _Description:
-    """The elements of a description that dotted paths change.
-
-    Attributes
-    ----------
-    payloads : dict of str to dict of str to array
-        Those of the changes, by link and field.
-    """
+    """The elements of a description that dotted paths change."""
 
     def __init__(self, root: Element, folder: str | None = None) -> None:
         self.root, self._folder = root, folder or ''
-        self.payloads: dict[str, dict[str, Array]] = {}
         self._fields: dict[str, tuple[Element, tuple[str, ...]]] = {}
         for beam in root.iterfind('flexibility/beam'):
             path = f'beam.{beam.get("link")}'
@@ -131,10 +117,11 @@ class _Description:
         self.paths = [
             f'{start}.{field}' for start, (_, fields) in self._fields.items() for field in fields
         ]
-        self._links = {end.get('link') or '' for end in root.iterfind('joint/child')}
+        self._moving = moving_links(root)
+        self._links = {end.get('link') for end in root.iterfind('joint/child')} | self._moving
 
-    def change(self, plain: Mapping[str, Any], payloads: bool = True) -> None:
-        """Change the elements; of payloads, which have none, gather the numbers or refuse them.
+    def change(self, plain: Mapping[str, Any]) -> None:
+        """Change the elements.
 
         Raises
         ------
@@ -143,13 +130,10 @@ class _Description:
         """
         findings = Findings()
         for path, value in plain.items():
-            if not path.startswith('payload.'):
-                self._set(path, value, findings)
-            elif payloads:
-                read_payload(self._links, path, value, self.payloads, findings)
+            if path.startswith('payload.'):
+                self._set_payload(path, value, findings)
             else:
-                rule = 'must be of a beam, a joint or a sensor, got a payload'
-                findings.add(f'path {path!r}', rule)
+                self._set(path, value, findings)
         ConfigError.raise_any(WHERE, findings.items)
 
     def _set(self, path: str, value: Any, findings: Findings) -> None:
@@ -182,17 +166,36 @@ class _Description:
         if kind == 'beam' and field == 'segments':
             _fit_to_segments(element)
 
+    def _set_payload(self, path: str, value: Any, findings: Findings) -> None:
+        found = payload_text(self._links, self._moving, path, value, findings)
+        if found is not None:
+            link, field, text = found
+            self._in_block('payload', {'link': link}, {'mass': '0'}).set(field, text)
+
     def _actuator(self, joint: str) -> Element:
+        return self._in_block('actuator', {'joint': joint}, {})
+
+    def _in_block(self, tag: str, of: Mapping[str, str], more: Mapping[str, str]) -> Element:
+        """Return the block's element of a link or joint, a new one with more attributes."""
         block = _child(self.root, 'flexibility')
-        for actuator in block.findall('actuator'):
-            if actuator.get('joint') == joint:
-                return actuator
-        return etree.SubElement(block, 'actuator', joint=joint)
+        for element in block.findall(tag):
+            if of.items() <= dict(element.attrib).items():
+                return element
+        return _appended(block, tag, {**of, **more})
 
 
 def _child(element: Element, tag: str) -> Element:
     found = element.find(tag)
-    return etree.SubElement(element, tag) if found is None else found
+    return _appended(element, tag, {}) if found is None else found
+
+
+def _appended(parent: Element, tag: str, attributes: Mapping[str, str]) -> Element:
+    """Return a new last child, with the white space between those before it."""
+    last = parent[-1] if len(parent) else None
+    element = etree.SubElement(parent, tag, attributes)
+    if last is not None:
+        element.tail, last.tail = last.tail, parent.text
+    return element
 
 
 def _set_attribute(

@@ -126,6 +126,15 @@ class RigidInertia:
 
 
 @dataclass(frozen=True)
+class Payload:
+    """A rigid payload: mass [kg], com (3,) [m], inertia (3, 3) [kg m^2] about it, link axes."""
+
+    mass: float
+    com: Array
+    inertia: Array
+
+
+@dataclass(frozen=True)
 class Deformation:
     """One elastic deformation of a beam: bending in a direction, or torsion."""
 
@@ -501,6 +510,7 @@ class Tree:
     overrides: Mapping[str, Any] = field(default_factory=dict)  # applied on top, by dotted path
     inertial_sensors: tuple[InertialSensor, ...] = ()  # `sensors` has those on beams
     folder: str = ''  # of the description's file: files that it names are relative to it
+    payloads: Mapping[str, Payload] = field(default_factory=dict)  # by link; bodies carry them
 
     @cached_property
     def sensor_names(self) -> tuple[str, ...]:

@@ -24,7 +24,6 @@ from denoc_ros.dynamics.rotations import quaternion
 from denoc_ros.errors import StateError
 from denoc_ros.kernels.jit.compiled import entry
 from denoc_ros.kernels.runtime.torque_limits import saturate
-from denoc_ros.model.overrides import with_overrides
 from denoc_ros.model.plant_description import PlantDescription
 from denoc_ros.nodes.base.denoc_node import DenocNode
 from denoc_ros.nodes.base.messages import LATCHED, STATE, listeners, raw_publish
@@ -180,14 +179,14 @@ class PlantNode(RobotNode):
             rule = "parameter 'geometric_stiffness' must be true where 'engine' is mujoco"
             raise self.config_error(f'{rule}, got false')
         assert self.model is not None
-        payloads = self.model.plain(settings.family('payload'))
-        tree = with_overrides(robot.tree, payloads) if payloads else robot.tree
         chosen = engine.MujocoSettings(
             settings.integer('segments') or engine.SEGMENTS,
             settings.text('scene'),
             settings.text('start_deflection') == 'static',
         )
-        found: SimulatedRobot = engine.MujocoRobot(robot, tree, self.period, start, drives, chosen)
+        found: SimulatedRobot = engine.MujocoRobot(
+            robot, robot.tree, self.period, start, drives, chosen
+        )
         return found
 
     def _use(self, simulated: SimulatedRobot) -> None:

@@ -227,8 +227,9 @@ def variations(robot: Robot) -> dict[str, dict[str, Any]]:
         for percent, share in shares.items()
     }
     for percent, share in shares.items():
-        for path in match(robot.tree.overrides, 'payload.*.mass'):
-            found[f'{path} {percent}'] = {path: float(share * np.asarray(values[path]))}
+        for link, payload in robot.tree.payloads.items():
+            path = f'payload.{link}.mass'
+            found[f'{path} {percent}'] = {path: share * payload.mass}
         if damping:
             found[f'all damping {percent}'] = {
                 path: (share * np.asarray(values[path])).tolist() for path in damping

@@ -6,22 +6,19 @@ from collections.abc import Mapping
 from typing import Any, TypeVar
 
 from denoc_ros.dynamics.robot import Robot
-from denoc_ros.errors import ConfigError, ModelError, StateError
+from denoc_ros.errors import ModelError
 from denoc_ros.model.numbers import Values, numbers_of, other_names, plain_paths, values_of
-from denoc_ros.model.payloads import payloads_of
 from denoc_ros.model.reading.source import is_text, parse_xml
 from denoc_ros.runtime.inputs.input_monitor import InputError
 
-PAYLOAD = 'payload.'
 Given = TypeVar('Given')
 
 
 class LiveModel:
-    """Makes robots with overrides; payloads cost no new model."""
+    """Makes robots with overrides; numbers cost no new model."""
 
-    def __init__(self, base: Robot, where: str) -> None:
+    def __init__(self, base: Robot) -> None:
         self._base = base
-        self._where = where
         self._overrides: dict[str, Any] = {}
         self._built, self._numbers = base, numbers_of(base.tree)
         self._values, self._names = values_of(base.tree), other_names(self._numbers)
@@ -45,18 +42,10 @@ class LiveModel:
             A path that names nothing, or a value that makes no model.
         """
         plain = self.plain(overrides)
-        payloads = {path: value for path, value in plain.items() if path.startswith(PAYLOAD)}
-        rest = {path: value for path, value in plain.items() if path not in payloads}
-        if rest != self._overrides:
-            self._built, self._overrides = self._changed(rest), rest
+        if plain != self._overrides:
+            self._built, self._overrides = self._changed(plain), plain
             self._values = values_of(self._built.tree)
-        robot = self._built.copy()
-        for link, payload in payloads_of(payloads, robot.tree).items():
-            try:
-                robot.set_payload(link, payload.mass, payload.com, payload.inertia)
-            except StateError as error:
-                raise ConfigError(self._where, [f"parameter 'payload.{link}': {error}"]) from error
-        return robot
+        return self._built.copy()
 
     def _changed(self, overrides: Mapping[str, Any]) -> Robot:
         """Return the robot with overrides that are not those of the last one."""

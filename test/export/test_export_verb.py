@@ -77,6 +77,26 @@ def test_a_payload_of_the_command_line_is_exported(
     assert lowest[1] < 0.95 * lowest[0]
 
 
+@pytest.mark.parametrize('form', ['mjcf', 'sdf'])
+def test_a_payload_of_the_file_is_exported_as_that_of_the_command_line(
+    tmp_path: Path, form: str
+) -> None:
+    source = ROBOTS / 'canadarm.urdf'
+    text = source.read_text()
+    element = '<payload link="tool" mass="7.5" com="0.1 0 0.2"/></flexibility>'
+    (tmp_path / 'canadarm.urdf').write_text(text.replace('</flexibility>', element))
+    made = []
+    for name, robot, given in (
+        ('of_file', tmp_path / 'canadarm.urdf', []),
+        ('of_line', source, ['--payload', 'tool=7.5,0.1,0,0.2']),
+        ('without', source, []),
+    ):
+        out = tmp_path / name
+        assert main(['export', form, str(robot), '-o', str(out), *given]) == 0
+        made.append(out.read_text())
+    assert made[0] == made[1] != made[2]
+
+
 def test_a_rigid_robot_has_nothing_to_verify(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

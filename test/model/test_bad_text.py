@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from denoc_ros.errors import ModelError
+from denoc_ros.model.overrides import edited_description
 from denoc_ros.model.reading.source import LARGEST_TEXT
 from denoc_ros.model.reading.urdf import load_tree
 
@@ -22,6 +23,16 @@ EXTERNAL = """<!DOCTYPE robot [<!ENTITY x SYSTEM "file:///etc/hostname">]>
 <robot name="a"><link name="base"/>&x;</robot>"""
 IMPOSSIBLE = """<inertial><mass value="1"/>
 <inertia ixx="1" ixy="2" ixz="0" iyy="1" iyz="0" izz="2"/></inertial>"""
+
+
+def test_an_undeclared_prefix_of_what_is_not_read_is_kept(arm_text: str) -> None:
+    more = '<gazebo reference="tool"><sensor:camera name="c" far:at="1"/></gazebo>'
+    text = arm_text.replace('<flexibility>', f'{more}<flexibility>')
+    one, other = load_tree(text), load_tree(arm_text)
+    assert [body.name for body in one.bodies] == [body.name for body in other.bodies]
+    edited = edited_description(text, {'joint.shoulder.damping': 3.0})
+    assert more in edited
+    assert load_tree(edited).joints['shoulder'].damping == 3.0
 
 
 @pytest.mark.parametrize('bomb', [BILLION_LAUGHS, EXTERNAL, '<!ENTITY a "b"><robot/>'])
@@ -50,6 +61,20 @@ def test_a_doctype_in_another_encoding_is_refused(tmp_path: Path) -> None:
             '<xacro:include filename="b"/></robot>',
             'xacro must be expanded first: xacro FILE.xacro > FILE.urdf, got <xacro:include>',
         ),
+        (
+            '<robot name="a"><link name="l"/><xacro:include filename="b"/></robot>',
+            'xacro must be expanded first: xacro FILE.xacro > FILE.urdf, got <xacro:include>',
+        ),
+        *(
+            (f'<robot name="a">{part}</robot>', 'well-formed, got: Namespace prefix far')
+            for part in (
+                '<link name="l"><far:mass/></link>',
+                '<link name="l"><inertial far:mass="1"/></link>',
+                '<link name="l"/><flexibility><far:beam/></flexibility>',
+            )
+        ),
+        ('<robot name="a"><gazebo><far:a>&b;</far:a></gazebo></robot>', 'well-formed'),
+        ('<robot name="a"><gazebo><far:a></far:b></gazebo></robot>', 'well-formed'),
         ('<sdf name="a"/>', 'the root element must be <robot>, got <sdf>'),
         ('<robot name="a">\0</robot>', 'the XML must be well-formed'),
         ('<' * 100, 'the XML must be well-formed'),

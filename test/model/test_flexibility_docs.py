@@ -50,6 +50,12 @@ def test_the_divided_beam_loads() -> None:
     assert [body.name for body in tree.bodies] == ['boom', *(f'boom/{k}' for k in range(2, 9))]
 
 
+def test_the_payload_loads() -> None:
+    (payload,) = re.findall(r'`(<payload .*/>)`', TEXT)
+    tree = load_tree(EXAMPLE.replace('</flexibility>', f'{payload}</flexibility>'))
+    assert tree.payloads['gripper'].mass == 2.5
+
+
 def test_the_loop_loads() -> None:
     links = '<link name="coupler"/><link name="rocker"/>'
     joint = (

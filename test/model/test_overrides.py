@@ -172,9 +172,9 @@ def test_a_payload_on_a_flexible_link_leaves_the_beam(arm_text: str) -> None:
 
 
 def test_six_numbers_are_an_inertia_row_by_row(arm_text: str) -> None:
-    tree = with_overrides(arm_text, {'payload.tool.inertia': '1 0.1 0.2 2 0.3 3'})
+    tree = with_overrides(arm_text, {'payload.tool.inertia': '2 0.1 0.2 2 0.3 3'})
     added = body_of(tree, 'tool').inertia.inertia - 0.1 * np.eye(3)
-    expected = [[1.0, 0.1, 0.2], [0.1, 2.0, 0.3], [0.2, 0.3, 3.0]]
+    expected = [[2.0, 0.1, 0.2], [0.1, 2.0, 0.3], [0.2, 0.3, 3.0]]
     np.testing.assert_allclose(added, expected, rtol=1e-14)
 
 
@@ -278,8 +278,6 @@ def test_an_edited_description_is_the_changed_robot_and_keeps_the_rest(arm_text:
 
 
 def test_an_edited_description_is_checked(arm_text: str) -> None:
-    with pytest.raises(ConfigError, match='must be of a beam, a joint or a sensor, got'):
-        edited_description(arm_text, {'payload.upper_arm.mass': 1.0})
     with pytest.raises(ModelError, match='damping_ratio'):
         edited_description(arm_text, {'beam.upper_arm.y.damping_ratio': -0.1})
 

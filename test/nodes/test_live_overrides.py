@@ -146,7 +146,7 @@ def test_the_predictor_takes_a_payload_beside_a_change_of_a_beam(graph: Any, urd
 
 def test_what_a_node_shows_can_be_given_to_it(urdf: str) -> None:
     base = load_robot(urdf, gravity=GRAVITY)
-    model = LiveModel(base, 'node')
+    model = LiveModel(base)
     shown = model.values({'damping.two.y': 0.03})
     assert shown['beam.two.y.damping_ratio'] == 0.03
     robot = model.robot(model.values({}))

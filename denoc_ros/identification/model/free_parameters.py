@@ -25,7 +25,7 @@ from denoc_ros.model.arrays import inertia_row
 from denoc_ros.model.inertia import difference, inverse_transform, moved, pseudo_inertia, total
 from denoc_ros.model.link_side import motors_behind
 from denoc_ros.model.numbers import match, some_of, values_of
-from denoc_ros.model.payloads import carrying_links, payloads_of
+from denoc_ros.model.payloads import NO_PAYLOAD, carrying_links
 from denoc_ros.model.tree import INERTIAL_UNITS, Body, RigidInertia
 from denoc_ros.types import Array
 
@@ -83,14 +83,12 @@ def free_numbers(
         found.append(FreeNumber(f'effort.{joint}.gain', 1.0, 0.0, True))
         scale = OFFSET * efforts.get(joint, 1.0)
         found.append(FreeNumber(f'effort.{joint}.offset', 0.0, scale, False))
-    loads = payloads_of(robot.tree.overrides, robot.tree)
     for link in carrying_links(robot.tree):
-        load = loads.get(link)
-        mass, centre = (0.0, np.zeros(3)) if load is None else (load.mass, load.com)
-        found.append(_positive(f'payload.{link}.mass', mass, _payload_scale(robot)))
+        load = robot.tree.payloads.get(link, NO_PAYLOAD)
+        found.append(_positive(f'payload.{link}.mass', load.mass, _payload_scale(robot)))
         found.extend(
             FreeNumber(f'payload.{link}.com.{axis}', float(value), LEVER, False)
-            for axis, value in zip('xyz', centre, strict=True)
+            for axis, value in zip('xyz', load.com, strict=True)
         )
     found.extend(_of_channels(robot, spreads))
     return found
@@ -421,8 +419,7 @@ class FreeParameters:
             else:
                 found.overrides[number.path] = value
         for link, parts in coms.items():
-            load = payloads_of(self.robot.tree.overrides, self.robot.tree).get(link)
-            centre = [0.0] * 3 if load is None else load.com.tolist()
+            centre = self.robot.tree.payloads.get(link, NO_PAYLOAD).com.tolist()
             for place, value in parts.items():
                 centre[place] = value
             found.overrides[f'payload.{link}.com'] = centre

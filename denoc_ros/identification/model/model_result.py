@@ -22,6 +22,7 @@ from denoc_ros.identification.model.model_fit import IdentifiedModel, identify_m
 from denoc_ros.identification.model.sources import RecordingSettings
 from denoc_ros.identification.model.sources import read_source as read_recording_source
 from denoc_ros.model.inertia import total
+from denoc_ros.model.numbers import values_of
 from denoc_ros.model.overrides import edited_description
 from denoc_ros.model.reading.findings import Findings
 from denoc_ros.model.reading.poses import number_text
@@ -144,24 +145,32 @@ def verdict_text(one: Mapping[str, Any]) -> str:
     return f'{one["verdict"]}, ± {0.5 * (high - low):.2g} {unit_of(one["path"])}'.rstrip()
 
 
-def applied_description(
-    source: str | os.PathLike[str], found: IdentifiedModel
-) -> tuple[str, dict[str, float | list[float]]]:
-    """Description with the found numbers, and the overrides that it has no place for.
+def applied_description(source: str | os.PathLike[str], found: IdentifiedModel) -> str:
+    """Return the description with the found numbers.
 
     Parameters
     ----------
     found : IdentifiedModel
         Of that robot. Numbers that are not identifiable stay as they are in the file, and all ten
-        of a rigid body where one of them is not.
+        of a rigid body where one of them is not. Of a payload that was found, the numbers that
+        were not free are those of the search.
     """
-    of_file = {p: v for p, v in found.overrides.items() if not p.startswith('payload.')}
-    left = {p: v for p, v in found.overrides.items() if p.startswith('payload.')}
-    text = edited_description(source, of_file)
+    text = edited_description(source, {**_fixed_of_payloads(found), **found.overrides})
     bodies = {name: change for name, change in found.bodies.items() if _is_told(found, name)}
     where, _ = read_source(source)
     folder = '' if where == TEXT_NAME else os.path.dirname(where)
-    return (_with_bodies(text, bodies, folder) if bodies else text), left
+    return _with_bodies(text, bodies, folder) if bodies else text
+
+
+def _fixed_of_payloads(found: IdentifiedModel) -> dict[str, Any]:
+    """Return the numbers that were not free of payloads of which others were found."""
+    changed = {path.rpartition('.')[0] for path in found.overrides if path.startswith('payload.')}
+    return {
+        path: value
+        for path, value in values_of(found.robot.tree).items()
+        if path.rpartition('.')[0] in changed
+        and not any(free.startswith(path) for free in found.values)
+    }
 
 
 def not_applied(found: IdentifiedModel) -> list[str]:

@@ -228,12 +228,10 @@ def write_applied(
     shown : str
         What lines call it.
     """
-    text, left = applied_description(source, found)
-    write_text(target, text)
+    write_text(target, applied_description(source, found))
     return [
         f'{target}: {shown} with what was found',
         *(f'  not identifiable, as in the file: {path}' for path in not_applied(found)),
-        *(f'  not of a description, for --set: {path}={value}' for path, value in left.items()),
     ]
 
 

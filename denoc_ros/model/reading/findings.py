@@ -124,13 +124,16 @@ class Reader:
             return np.zeros(0)
         return np.array(good)
 
-    def vector(self, attribute: str, default: str | None = None, unit: str = 'm') -> Array:
-        """Return three finite numbers, (3,); nan when they are not."""
+    def vector(
+        self, attribute: str, default: str | None = None, unit: str = 'm', size: int = 3
+    ) -> Array:
+        """Return three finite numbers, or `size` of them; nan when they are not."""
         value = self.element.get(attribute, default)
         found = [] if value is None else [finite(part) for part in value.split()]
-        if len(found) != 3 or any(number is None for number in found):
-            self.fail(attribute, f'be three finite numbers [{unit}]', value)
-            return np.full(3, np.nan)
+        if len(found) != size or any(number is None for number in found):
+            count = 'three' if size == 3 else size
+            self.fail(attribute, f'be {count} finite numbers [{unit}]', value)
+            return np.full(size, np.nan)
         return np.array(found, dtype=np.float64)
 
     def axis(self, attribute: str = 'xyz', default: str | None = None) -> Array:

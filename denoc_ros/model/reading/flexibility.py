@@ -22,6 +22,7 @@ from denoc_ros.model.beams.beam_sections import (
 from denoc_ros.model.beams.component_links import FlexibleElement, read_flexible
 from denoc_ros.model.beams.cross_sections import SectionAxes
 from denoc_ros.model.beams.shapes import SHAPES
+from denoc_ros.model.payloads import moving_links, read_payload
 from denoc_ros.model.reading.findings import Element, Findings, Reader
 from denoc_ros.model.reading.rigid_urdf import RigidUrdf
 from denoc_ros.model.sensors import read_inertial_sensor, read_sensor
@@ -30,13 +31,14 @@ from denoc_ros.model.tree import (
     SIDES,
     InertialElement,
     JointKind,
+    Payload,
     SensorElement,
     Spring,
 )
 from denoc_ros.types import Array
 
 MOST_MODES = 50  # more would only be a typing error
-ELEMENTS = ('beam', 'flexible', 'loop', 'sensor', 'actuator', 'spring')
+ELEMENTS = ('beam', 'flexible', 'loop', 'sensor', 'actuator', 'spring', 'payload')
 MOST_SEGMENTS = 200
 
 
@@ -84,6 +86,7 @@ class Flexibility:
     inertial_sensors: list[InertialElement] = field(default_factory=list)
     armatures: dict[str, float] = field(default_factory=dict)  # by joint
     springs: dict[str, Spring] = field(default_factory=dict)  # by joint
+    payloads: dict[str, Payload] = field(default_factory=dict)  # by link
     flexible_links: set[str] = field(default_factory=set)  # beams with findings as well
     component_names: set[str] = field(default_factory=set)  # likewise of <flexible>
 
@@ -115,6 +118,9 @@ def read_flexibility(root: Element, findings: Findings, folder: str = '') -> Fle
         for element in block.findall('spring'):
             joint, spring = read_spring(element, root, flexibility.springs, findings)
             flexibility.springs[joint] = spring
+        moving = moving_links(root)
+        for element in block.findall('payload'):
+            read_payload(element, links, moving, flexibility.payloads, findings)
         _add_loops(block, links, flexibility, findings)
         _add_sensors(block, links, flexibility, findings)
     return flexibility

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from lxml import etree
 
-from denoc_ros.model.inertia import from_centre, moved
+from denoc_ros.model.inertia import ROUNDED, ROUNDED_ZERO, from_centre, moved
 from denoc_ros.model.reading.findings import Element, Findings, Reader
 from denoc_ros.model.tree import Joint, JointKind, Limits, Mimic, RigidInertia
 from denoc_ros.types import Array
@@ -24,8 +24,6 @@ KINDS = {
     'floating': JointKind.FLOATING,
 }
 ENDS = ('parent', 'child', 'origin')
-# of the largest principal moment, and of moments that are zero [kg m^2]: what rounding leaves
-ROUNDED, ROUNDED_ZERO = 1e-3, 1e-12
 WITHOUT_AXIS = ('fixed', 'floating')
 CHECKED = (*ENDS, 'axis', 'limit', 'dynamics', 'mimic')  # of a joint; the rest is not read
 
@@ -87,10 +85,10 @@ def read_rigid_urdf(root: Element, findings: Findings, warnings: list[str]) -> R
 def _check_expanded(root: Element, findings: Findings) -> None:
     """Note, once, elements that xacro should have replaced."""
     for element in root.iterchildren('{*}*'):
-        name = etree.QName(element)
-        if 'xacro' in (name.namespace or ''):
+        namespace, _, name = element.tag.rpartition('}')
+        if 'xacro' in namespace or name.startswith('xacro:'):
             rule = 'must be expanded first: xacro FILE.xacro > FILE.urdf'
-            findings.add('robot', f'xacro {rule}, got <xacro:{name.localname}>')
+            findings.add('robot', f'xacro {rule}, got <xacro:{name.removeprefix("xacro:")}>')
             return
 
 

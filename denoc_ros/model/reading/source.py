@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 from pathlib import Path
+from typing import Any
 from xml.sax.saxutils import escape
 
 from lxml import etree
@@ -14,6 +15,7 @@ from denoc_ros.model.reading.findings import Element
 
 LARGEST_TEXT = 8 * 1024 * 1024  # bytes; the largest robots in use have a tenth of it
 TEXT_NAME = 'robot description'
+READ_ELEMENTS = ('link', 'joint', 'material', 'flexibility')  # of a robot; the others are not
 
 
 def read_source(source: str | os.PathLike[str]) -> tuple[str, str]:
@@ -98,8 +100,20 @@ def parse_xml(where: str, text: str, whole: bool = False, root: str = 'robot') -
         raise ModelError(
             where, [f'the XML must have no DOCTYPE and no entities, got one, line {line}']
         )
-    # The encoding is forced: a declared one could hide a DOCTYPE from the search above.
-    parser = etree.XMLParser(
+    try:
+        found = etree.fromstring(encoded, _parser(whole))
+    except etree.XMLSyntaxError as error:
+        found = _with_unread_prefixes(encoded, _parser(whole, recover=True))
+        if found is None:
+            raise ModelError(where, [f'the XML must be well-formed, got: {error.msg}']) from error
+    if found.tag != root:
+        raise ModelError(where, [f'the root element must be <{root}>, got <{found.tag}>'])
+    return found
+
+
+def _parser(whole: bool, recover: bool = False) -> Any:
+    # The encoding is forced: a declared one could hide a DOCTYPE from the search before.
+    return etree.XMLParser(
         encoding='utf-8',
         resolve_entities=False,
         no_network=True,
@@ -107,14 +121,26 @@ def parse_xml(where: str, text: str, whole: bool = False, root: str = 'robot') -
         huge_tree=False,
         remove_comments=not whole,
         remove_pis=not whole,
+        recover=recover,
     )
+
+
+def _with_unread_prefixes(encoded: bytes, parser: Any) -> Element | None:
+    """Return the root of a text whose only fault is prefixes of names that are not read.
+
+    Old files have `<sensor:camera>` without xmlns:sensor inside <gazebo>, and the readers of other
+    tools know no namespaces. The names keep their prefix, and are written with it.
+    """
     try:
         found = etree.fromstring(encoded, parser)
-    except etree.XMLSyntaxError as error:
-        raise ModelError(where, [f'the XML must be well-formed, got: {error.msg}']) from error
-    if found.tag != root:
-        raise ModelError(where, [f'the root element must be <{root}>, got <{found.tag}>'])
-    return found
+    except etree.XMLSyntaxError:
+        return None
+    undeclared = etree.ErrorTypes.NS_ERR_UNDEFINED_NAMESPACE
+    if found is None or any(fault.type != undeclared for fault in parser.error_log):
+        return None
+    read = [each for top in found.iterchildren(*READ_ELEMENTS) for each in top.iter('*')]
+    names = [name for each in read for name in (each.tag, *each.attrib)]
+    return None if any(':' in name.rpartition('}')[2] for name in names) else found
 
 
 def written(root: Element, text: str) -> str:

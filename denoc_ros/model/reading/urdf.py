@@ -14,6 +14,7 @@ from denoc_ros.model.beams.beams import flexible_link
 from denoc_ros.model.beams.component_links import check_frame, component_link, find_frame
 from denoc_ros.model.beams.segments import locate
 from denoc_ros.model.inertia import inverse_transform, moved, total
+from denoc_ros.model.payloads import with_payloads
 from denoc_ros.model.reading.findings import Element, Findings
 from denoc_ros.model.reading.flexibility import (
     Flexibility,
@@ -91,7 +92,7 @@ def tree_of(root: Element, where: str, text: str, folder: str | None = None) -> 
     ModelError.raise_any(where, findings.items)
     assembly = assemble(robot, flexible, armatures, springs)
     loops = tuple(_loop(loop, assembly) for loop in flexibility.loops)
-    return Tree(
+    tree = Tree(
         robot.name,
         tuple(assembly.bodies),
         assembly.frames,
@@ -104,7 +105,9 @@ def tree_of(root: Element, where: str, text: str, folder: str | None = None) -> 
             for sensor in flexibility.inertial_sensors
         ),
         folder=folder,
+        payloads=flexibility.payloads,
     )
+    return with_payloads(tree) if tree.payloads else tree
 
 
 def _flexible_links(

@@ -112,7 +112,6 @@ class ModelNode(DenocNode):
         """
         source = settings.text('urdf_path') or self.description
         gravity = settings.numbers('gravity')
-        name = self.get_fully_qualified_name()
         if not source:
             raise self.config_error(
                 "parameter 'urdf_path' or the topic robot_description must give the robot"
@@ -125,9 +124,9 @@ class ModelNode(DenocNode):
         }
         robot = self.described(load_robot(source, **options), settings)
         if len(robot.base_indices) and self.holds_base:
-            self.floating = LiveModel(self._seen(robot), name)
+            self.floating = LiveModel(self._seen(robot))
             robot = load_robot(with_held_base(robot.tree.source), **options)
-        return LiveModel(self._seen(robot), name)
+        return LiveModel(self._seen(robot))
 
     def described(self, robot: Robot, settings: Settings) -> Robot:
         """Return the robot as the node describes its beams: here as it was loaded."""

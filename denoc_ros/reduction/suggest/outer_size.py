@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from denoc_ros.errors import ModelError
 from denoc_ros.model.inertia import inverse_transform
 from denoc_ros.model.reading.findings import Element, Findings, Reader
-from denoc_ros.model.reading.mesh_files import named_surfaces
+from denoc_ros.model.reading.link_geometry import SHAPE_TAGS, mesh_of, placed_shapes
 from denoc_ros.types import Array
 
 ALIGNED = 0.98  # cosine: within 11 degrees of an axis is along it
@@ -59,49 +57,16 @@ def outline(
         Of the first shape that runs along most of the beam: visual before collision, primitives
         before meshes. None without one; meshes that cannot be read count as none.
     """
-    shapes = [
-        shape for tag in ('visual', 'collision') for shape in _shapes(link.findall(tag), frame)
-    ]
+    back = inverse_transform(frame)
+    shapes = [shape for tag in SHAPE_TAGS for shape in placed_shapes(link.findall(tag))]
     for readers in ((_cylinder, _box), (_mesh,)):
-        for pose, geometry in shapes:
+        for of_link, geometry in shapes:
+            pose = back @ of_link
             for read in readers:
                 found = read(geometry, pose, length, surfaces)
                 if found is not None:
                     return found
     return None
-
-
-def link_surfaces(root: Element, folder: Path) -> dict[str, Any]:
-    """Return the meshes of all links that are found and readable, by `<mesh filename>`.
-
-    Parameters
-    ----------
-    folder : Path
-        Where mesh files are looked for: that of the URDF, and those above it.
-    """
-    names = dict.fromkeys(_mesh_names(root))
-    # A mesh is only a hint: one that cannot be read counts as none.
-    found = named_surfaces(names, folder)
-    return {name: mesh for name, mesh in found.items() if not isinstance(mesh, ModelError)}
-
-
-def lost_mesh(link: Element, surfaces: Mapping[str, Any]) -> str:
-    """Return the first of a link's meshes that is not found or not readable, '' if none is."""
-    return next((name for name in _mesh_names(link) if name not in surfaces), '')
-
-
-def _mesh_names(element: Element) -> list[str]:
-    return [str(mesh.get('filename', '')) for mesh in element.iterfind('.//geometry/mesh')]
-
-
-def _shapes(elements: list[Element], frame: Array) -> Iterator[tuple[Array, Element]]:
-    """Yield each geometry with its pose seen from the beam frame."""
-    for element in elements:
-        findings = Findings()
-        origin, geometry = element.find('origin'), element.find('geometry')
-        pose = np.eye(4) if origin is None else Reader(origin, '', findings).pose()
-        if geometry is not None and not findings.items:
-            yield inverse_transform(frame) @ pose, geometry
 
 
 def _cylinder(
@@ -136,19 +101,8 @@ def _box(
 def _mesh(
     geometry: Element, pose: Array, length: float, surfaces: Mapping[str, Any]
 ) -> Outline | None:
-    element = geometry.find('mesh')
-    if element is None:
-        return None
-    surface = surfaces.get(element.get('filename', ''))
-    if surface is None:
-        return None
-    findings = Findings()
-    scale = Reader(element, '', findings).vector('scale', '1 1 1', '-')
-    if findings.items:
-        return None
-    mesh = surface.copy()
-    mesh.apply_transform(pose @ np.diag([*scale, 1.0]))
-    return _cut(mesh, length)
+    mesh = mesh_of(geometry, pose, surfaces)
+    return None if mesh is None else _cut(mesh, length)
 
 
 def _cut(mesh: Any, length: float) -> Outline | None:

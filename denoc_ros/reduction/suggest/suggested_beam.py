@@ -16,10 +16,11 @@ from denoc_ros.model.inertia import (
     moved,
 )
 from denoc_ros.model.reading.findings import SMALLEST, Element
+from denoc_ros.model.reading.link_geometry import lost_mesh
 from denoc_ros.model.tree import JointKind, RigidInertia
 from denoc_ros.reduction.suggest.carried_bodies import SubtreeInertia
 from denoc_ros.reduction.suggest.materials import ASSUMED_DAMPING, Material
-from denoc_ros.reduction.suggest.outer_size import lost_mesh, outline
+from denoc_ros.reduction.suggest.outer_size import outline
 from denoc_ros.reduction.suggest.slender import BeamLine, Stiffness, beam_line, stiffness
 
 ROOTS = (1.8751041, 4.6940911, 7.8547574)  # of a cantilever's bending modes

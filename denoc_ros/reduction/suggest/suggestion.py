@@ -11,6 +11,7 @@ from pathlib import Path
 from denoc_ros.errors import ConfigError, ModelError
 from denoc_ros.model.link_side import looped_joints
 from denoc_ros.model.reading.findings import Element, Findings
+from denoc_ros.model.reading.link_geometry import link_surfaces
 from denoc_ros.model.reading.rigid_urdf import read_rigid_urdf
 from denoc_ros.model.reading.source import TEXT_NAME, parse_xml, read_source
 from denoc_ros.model.reading.urdf import tree_of
@@ -23,7 +24,6 @@ from denoc_ros.reduction.suggest.gears import (
     with_springs,
 )
 from denoc_ros.reduction.suggest.materials import MATERIALS, Material
-from denoc_ros.reduction.suggest.outer_size import link_surfaces
 from denoc_ros.reduction.suggest.suggested_beam import BeamSuggestion, Wish, suggested_beam
 from denoc_ros.reduction.suggest.suggested_block import with_beams
 

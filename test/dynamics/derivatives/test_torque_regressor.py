@@ -73,7 +73,7 @@ def test_ten_parameters_of_a_link_are_those_of_its_payload(
     regressor = robot.torque_regressor(s.q, s.qd, s.qdd, [f'link.{link}.{x}' for x in names])
     mass, com = rng.uniform(0.5, 2.0), rng.uniform(-0.3, 0.3, 3)
     root = rng.uniform(-0.2, 0.2, (3, 3))
-    central = root @ root.T
+    central = np.trace(root @ root.T) * np.eye(3) - root @ root.T  # as a body can have it
     about_origin = central + mass * (com @ com * np.eye(3) - np.outer(com, com))
     p = np.concatenate([[mass], mass * com, about_origin[np.triu_indices(3)]])
     without = robot.inverse_dynamics(s.q, s.qd, s.qdd)

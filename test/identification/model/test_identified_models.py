@@ -141,8 +141,7 @@ def test_bodies_that_were_found_are_written_into_the_description() -> None:
     heavier = {'link_2': RigidInertia(1.5, np.array([0.3, 0.0, 0.15]), np.diag([0.1, 0.2, 0.2]))}
     told = dict.fromkeys(found.verdict, 'found')
     known = replace(found, bodies=heavier, verdict=told)
-    text, left = applied_description(ROBOTS / 'puma.urdf', known)
-    assert not left
+    text = applied_description(ROBOTS / 'puma.urdf', known)
     assert not not_applied(known)
     written, before = (dn.load_robot(source) for source in (text, ROBOTS / 'puma.urdf'))
     hung = before.copy()
@@ -152,6 +151,27 @@ def test_bodies_that_were_found_are_written_into_the_description() -> None:
     np.testing.assert_allclose(written.inertia_matrix(q), wanted, rtol=0, atol=1e-9 * wanted.max())
 
 
+def test_a_payload_that_was_found_is_written_into_the_description() -> None:
+    """The numbers of the load that were not free are those of the search."""
+    source = ROBOTS / 'puma.urdf'
+    load = {'payload.tool.mass': 2.0, 'payload.tool.com': [0.0, 0.05, 0.1]}
+    arm = dn.load_robot(source).with_overrides(load)
+    run = recorded(arm, sweeping(arm.n, 5), 1.0)
+    start = arm.with_overrides({'payload.tool.mass': 1.5})
+    found = dn.identify_model(start, run, ['payload.tool.mass'], held_out=0.0)
+    assert found.verdict['payload.tool.mass'] == 'found'
+    text = applied_description(source, found)
+    assert '<payload link="tool"' in text
+    written, wanted = (
+        dn.load_robot(text),
+        dn.load_robot(source).with_overrides(
+            load | {'payload.tool.mass': found.values['payload.tool.mass']}
+        ),
+    )
+    q = np.random.default_rng(1).normal(size=(4, arm.n))
+    np.testing.assert_array_equal(written.inertia_matrix(q), wanted.inertia_matrix(q))
+
+
 def test_what_is_not_identifiable_is_not_written_into_the_description() -> None:
     """An upper arm of 12.93 kg became one of 114 kg, "with what was found"."""
     arm = dn.load_robot(ROBOTS / 'puma.urdf').with_overrides({'payload.tool.mass': 2.0})
@@ -159,8 +179,7 @@ def test_what_is_not_identifiable_is_not_written_into_the_description() -> None:
     free = ['link.link_2.inertial', 'joint.joint_2.friction']
     found = dn.identify_model(arm, run, free, held_out=0.0)
     assert 'not identifiable' in [v for p, v in found.verdict.items() if p.startswith('link.')]
-    text, left = applied_description(ROBOTS / 'puma.urdf', found)
-    assert not left
+    text = applied_description(ROBOTS / 'puma.urdf', found)
     written, before = (dn.load_robot(source) for source in (text, ROBOTS / 'puma.urdf'))
     q = np.random.default_rng(1).normal(size=(4, arm.n))
     np.testing.assert_array_equal(written.inertia_matrix(q), before.inertia_matrix(q))
@@ -195,9 +214,12 @@ def test_payloads_become_numbers_of_the_model_with_the_same_dynamics() -> None:
     robot = robot.with_overrides({f'{own}.mass': 3.0, f'{own}.com': [0.1, 0, 0]})
     for link in links:
         part = rng.normal(size=(3, 3))
-        robot.set_payload(link, 2.0, rng.normal(size=3), part @ part.T)
+        second = part @ part.T  # integral of r r^T, of which a body's inertia is made
+        inertia = np.trace(second) * np.eye(3) - second
+        robot.set_payload(link, 2.0, rng.normal(size=3), inertia)
     modelled = robot.with_modelled_payloads()
-    assert all(modelled.payload_mass(link) == 0.0 for link in links)
+    loads = modelled.tree.payloads
+    assert all(modelled.payload_mass(link) == loads[link].mass for link in links)
     q = 0.1 * rng.normal(size=(3, robot.n))
     wanted = robot.inertia_matrix(q[0])
     np.testing.assert_allclose(
