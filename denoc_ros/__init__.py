@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from denoc_ros.identification.model.excitation import design_excitation as design_excitation
     from denoc_ros.identification.model.model_fit import identify_model as identify_model
     from denoc_ros.identification.model.sources import Recording as Recording
+    from denoc_ros.identification.run_numbers import identify as identify
     from denoc_ros.identification.tracking.parameter_tracker import (
         ParameterTracker as ParameterTracker,
     )

@@ -283,7 +283,8 @@ def run(args: argparse.Namespace) -> VerbResult:
     result = scenario.run(robot, progress=not args.json)
     session = session_of(args, robot, scenario, result)
     with tqdm(total=len(result.t), disable=True if args.json else None, leave=False) as bar:
-        write_run(result, robot, args.output, description, scenario.reference, bar.update, session)
+        asked, moves = scenario.reference, scenario.base is not None
+        write_run(result, robot, args.output, description, asked, bar.update, session, moves)
     summary = {'output': str(args.output), **summarize(robot, result)}
     if args.report:
         reports = required('reports.report_verb', '--report')

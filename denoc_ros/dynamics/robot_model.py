@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import cached_property
-from typing import Any, TypeVar
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -181,6 +181,16 @@ CONSTRAINT_KERNELS = (
     constrained.constrained_dynamics,
     closing.advance_tied,
 )
+
+
+class WithOverrides(Protocol):
+    """The numbers that an identification found."""
+
+    @property
+    def overrides(self) -> Mapping[str, Any]:
+        """Numbers of a robot by dotted path."""
+
+
 Held = TypeVar('Held', bound='RobotModel')
 
 
@@ -388,6 +398,16 @@ class RobotModel:
         other._take_payloads(self)
         other.move_base(self._base)
         return other
+
+    def apply(self: Held, found: WithOverrides) -> Held:
+        """Return the robot with the numbers that an identification found.
+
+        Parameters
+        ----------
+        found : object with `overrides`
+            Such as :func:`denoc_ros.identify` and :func:`denoc_ros.identify_model` return.
+        """
+        return self.with_overrides(found.overrides)
 
     def set_payload(
         self, frame: str, mass: float, com: ArrayLike = (0, 0, 0), inertia: ArrayLike | None = None

@@ -6,6 +6,7 @@ from denoc_ros.parts import OptionalPart, Verb
 
 PART = OptionalPart(
     names={
+        'identify': 'identification.run_numbers',
         'identify_modes': 'identification.decay.modes_fit',
         'design_excitation': 'identification.model.excitation',
         'identify_model': 'identification.model.model_fit',

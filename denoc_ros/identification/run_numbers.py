@@ -30,6 +30,7 @@ from denoc_ros.identification.model.sources import (
     RecordingSettings,
     read_source,
 )
+from denoc_ros.identification.tables.tables import is_table
 from denoc_ros.model.numbers import values_of
 from denoc_ros.model.payloads import carrying_links
 from denoc_ros.output_files import Document, plain
@@ -159,7 +160,8 @@ def identify(
     whole = read_source(bag, robot, settings)
     noted = {each['name']: each for each in session.get('phases', ())}
     groups: dict[str, list[Phase]] = {}
-    for phase in recorded_phases(path, phases):
+    known = (Phase(''),) if is_table(bag) and not phases else recorded_phases(path, phases)
+    for phase in known:
         plant = noted.get(phase.name, {}).get('plant', {})
         groups.setdefault(json.dumps(plant, sort_keys=True), []).append(phase)
     tip = session.get('tip', '')
@@ -211,7 +213,7 @@ def default_free(robot: Robot, recording: Recording, tip: str = '') -> list[str]
     ]
     if np.isfinite(recording.effort).any():
         carrying = carrying_links(robot.tree)
-        loaded = [path.split('.')[1] for path in robot.tree.overrides if 'payload.' in path]
+        loaded = [link for link, load in robot.tree.payloads.items() if load.mass > 0.0]
         known = [link for link in (tip, *loaded) if link in carrying]
         found += [f'payload.{link}' for link in (known or carrying[-1:])[:1]]
     return found
@@ -233,7 +235,7 @@ def _of_one_plant(
     model = identify_model(robot, stretches, free or default_free(robot, whole, tip))
     decays = tuple(decay for each in stretches for decay in _decays(robot, each))
     names = tuple(phase.name for phase in phases)
-    return PlantNumbers(names, plant, model, decays, _combined(decays), tuple(left_out))
+    return PlantNumbers(names, plant, model, decays, combined_modes(decays), tuple(left_out))
 
 
 def _stretches(whole: Recording, phase: Phase, left_out: list[str]) -> Iterator[Recording]:
@@ -294,7 +296,7 @@ def _usable(phase: str, sensor: str, link: str, modes: Modes) -> Iterator[FreeDe
             )
 
 
-def _combined(decays: Sequence[FreeDecay]) -> tuple[BeamMode, ...]:
+def combined_modes(decays: Sequence[FreeDecay]) -> tuple[BeamMode, ...]:
     """Return the modes of each beam by the means of good decays, weighted by their intervals."""
     groups: list[list[FreeDecay]] = []
     good = [each for each in decays if each.verdict == GOOD]

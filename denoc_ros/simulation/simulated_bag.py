@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -38,8 +38,12 @@ def write_run(
     reference: Trajectory | None = None,
     progress: Any = None,
     session: Mapping[str, Any] | None = None,
+    base_moves: bool = False,
 ) -> None:
     """Write a run as MCAP; stamps are the run's own times, from 0.
+
+    Sensors on beams are recorded on their topics where the robot stands on a base that rests and
+    has no loops: as names and positions of a JointState, raw and without noise.
 
     Parameters
     ----------
@@ -57,6 +61,8 @@ def write_run(
         Called with 1 after each output time.
     session : mapping, optional
         What the run was, to be attached: ready for JSON.
+    base_moves : bool
+        Whether the base was moved: then readings of sensors are left out.
 
     Raises
     ------
@@ -76,10 +82,11 @@ def write_run(
             bag.write_message('/reference', 0, **_reference(robot, reference))
         if len(robot.base_indices):
             bag.add_topic(BASE, ODOMETRY)
-        _write_states(bag, run, robot, progress)
+        gauges = _Gauges(run, robot, has_readings=not base_moves)
+        _write_states(bag, run, robot, gauges, progress)
 
 
-def _write_states(bag: BagWriter, run: Run, robot: Robot, progress: Any) -> None:
+def _write_states(bag: BagWriter, run: Run, robot: Robot, gauges: _Gauges, progress: Any) -> None:
     measured = MeasuredStates(robot)
     position, velocity, effort = np.zeros((3, len(robot.joint_names)))
     tips = TipDeflections(robot)
@@ -88,7 +95,9 @@ def _write_states(bag: BagWriter, run: Run, robot: Robot, progress: Any) -> None
         JointStateMessage(robot.coordinate_names, FIELDS[:2]),
         JointStateMessage(tips.names, FIELDS[:2]),
     )
-    for t, q, qd, tau in zip(run.t, run.q, run.qd, run.torque, strict=True):
+    for topic in gauges.messages:
+        bag.add_topic(topic, JOINT_STATE)
+    for k, (t, q, qd, tau) in enumerate(zip(run.t, run.q, run.qd, run.torque, strict=True)):
         stamp_ns = round(float(t) * 1e9)
         measured.positions(q, position)
         measured.positions(qd, velocity)
@@ -97,10 +106,43 @@ def _write_states(bag: BagWriter, run: Run, robot: Robot, progress: Any) -> None
         rows = ((position, velocity, effort), (q, qd), tips.evaluate(q, qd))
         for topic, encoder, values in zip(TOPICS, encoders, rows, strict=True):
             bag.write(topic, stamp_ns, encoder.encode(stamp_ns, *values))
+        for topic, raw in gauges.messages_at(k, stamp_ns):
+            bag.write(topic, stamp_ns, raw)
         if len(robot.base_indices):
             bag.write_message(BASE, stamp_ns, **_odometry(*robot.base_odometry(q, qd)))
         if progress is not None:
             progress(1)
+
+
+class _Gauges:
+    """Raw readings of the sensors on beams along a run, and their messages by topic."""
+
+    def __init__(self, run: Run, robot: Robot, has_readings: bool) -> None:
+        tree = robot.tree
+        sensors = [sensor for sensor in tree.sensors if sensor.topic]
+        if tree.loops or len(robot.base_indices) or not has_readings:
+            sensors = []
+        self.messages: dict[str, JointStateMessage] = {}
+        if not sensors:
+            return
+        accelerations = robot.forward_dynamics(run.q, run.qd, run.torque)
+        values = robot.sensor_values(run.q, run.qd, accelerations)[:, tree.beam_sensor_places]
+        self._raw: dict[str, Array] = {}
+        for topic in dict.fromkeys(sensor.topic for sensor in sensors):
+            own = [k for k, sensor in enumerate(tree.sensors) if sensor.topic == topic]
+            names = [tree.sensors[k].field or tree.sensors[k].name for k in own]
+            gain, offset = (
+                np.array([getattr(tree.sensors[k], name) for k in own])
+                for name in ('gain', 'offset')
+            )
+            resolved = topic if topic.startswith('/') else f'/{topic}'
+            self.messages[resolved] = JointStateMessage(names, ('position',))
+            self._raw[resolved] = (values[:, own] - offset) / gain
+
+    def messages_at(self, row: int, stamp_ns: int) -> Iterator[tuple[str, bytes]]:
+        """Yield topics and messages of a row of the run."""
+        for topic, message in self.messages.items():
+            yield topic, message.encode(stamp_ns, self._raw[topic][row])
 
 
 def _odometry(pose: Array, twist: Array) -> dict[str, Any]:
