@@ -10,6 +10,7 @@ from typing import Any
 from denoc_ros.bags.recover import recover
 from denoc_ros.cli.interrupts import Interrupt
 from denoc_ros.cli.progress import Progress
+from denoc_ros.cli.verbs import verbs
 from denoc_ros.errors import DenocError
 from denoc_ros.output_files import whole_file, write_text
 from denoc_ros.parts import optional
@@ -19,6 +20,7 @@ from denoc_ros.terminal_text import say
 CUT_OFF = 'bag_cut_off'  # what a recorder left that did not end by itself
 NO_REPORT = 'none: nothing was recorded'
 NO_PART = "none: the part 'reports' is not there"
+NEXT = ('view', 'replay', 'identify')  # verbs that take a run as it is
 REPORTING = 5.0  # s that a report takes
 
 
@@ -160,3 +162,7 @@ def print_summary(summary: dict[str, Any], folder: Path) -> None:
     say(f'run     {folder}')
     missing = NO_REPORT if headline else NO_PART
     say(f'report  {report if report.is_file() else missing}')
+    if (folder / BAG_FOLDER).is_dir():
+        known = verbs()
+        for k, name in enumerate(each for each in NEXT if each in known):
+            say(f'{"" if k else "next":8}denoc {name} {folder}')
