@@ -218,6 +218,9 @@ def _message_at(content: bytes, place: int, channel: int) -> bytes:
 
 def read_contents(stream: IO[bytes]) -> McapContents:
     """Return where the records of a file are; errors as `McapSource`."""
+    if stream.read(len(MAGIC)) != MAGIC:
+        raise ValueError('a file of MCAP must begin as one, got another kind')
+    stream.seek(0)
     try:
         summary = make_reader(stream).get_summary()
     except TORN:
@@ -228,7 +231,10 @@ def read_contents(stream: IO[bytes]) -> McapContents:
         found = _by_summary(stream, summary)
         if found is not None:
             return found
-    found = _by_scan(stream)
+    known = McapContents()
+    if summary is not None:  # channels without messages may be in the summary alone
+        known = McapContents({**summary.schemas}, {**summary.channels})
+    found = _by_scan(stream, known)
     _require_bounded([chunk for chunk, _ in found.chunks])
     return found
 
@@ -283,9 +289,8 @@ def _is_chunk(stream: IO[bytes], index: ChunkIndex) -> bool:
     )
 
 
-def _by_scan(stream: IO[bytes]) -> McapContents:
-    """Return what the records of a file say, from the first to the last."""
-    found = McapContents()
+def _by_scan(stream: IO[bytes], found: McapContents) -> McapContents:
+    """Add what the records of a file say, from the first to the last."""
     size = stream.seek(0, 2) - len(MAGIC)
     place = len(MAGIC)
     while place + _RECORD.size <= size:

@@ -18,6 +18,7 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as RosbagsWriter
 
 from denoc_ros.bags.definitions import encode, message_definition, message_types
+from denoc_ros.bags.mcap_source import read_contents
 from denoc_ros.bags.reader import bag_contents, read_attachment, read_bag, read_raw, read_thinned
 from denoc_ros.bags.recover import recover
 from denoc_ros.cli.main import main
@@ -457,6 +458,12 @@ def test_a_topic_that_cannot_be_read_says_why_when_it_is_wanted(tmp_path: Path) 
     with pytest.raises(BagError, match='/other: rig_msgs/msg/Gauge: definition must be valid'):
         list(read_bag(path, [OTHER]))
     assert len(list(read_raw(path, [OTHER]))) == ROWS
+
+
+@pytest.mark.parametrize('kind', ['profile empty', 'by mcap-ros2-support', 'wrong summary'])
+def test_a_sound_index_is_used_and_a_wrong_one_is_not(tmp_path: Path, kind: str) -> None:
+    with KINDS[kind].write(tmp_path).open('rb') as stream:
+        assert read_contents(stream).is_indexed == (kind != 'wrong summary')
 
 
 def test_attachments_are_read_without_a_summary(tmp_path: Path) -> None:
