@@ -158,13 +158,14 @@ def opened_files(parts: Sequence[Path], has_packed_messages: bool = False) -> It
         for part in parts:
             if not part.is_file():
                 raise ValueError(f'{part.name} must be a regular file, got another kind')
-        folder = ''
-        budget = ByteBudget(sum(part.stat().st_size for part in parts))
+        plain = [part for part in parts if not _starts_with(part, _ZSTD_MAGIC)]
+        unpacked = {part: part for part in plain}
+        if len(plain) < len(parts):
+            folder = Path(stack.enter_context(TemporaryDirectory(prefix='denoc_bag_')))
+            budget = ByteBudget(sum(part.stat().st_size for part in parts))
+            unpacked |= {p: _unpacked(p, folder, budget) for p in parts if p not in unpacked}
         sources: list[Source] = []
-        for part in parts:
-            if _starts_with(part, _ZSTD_MAGIC):
-                folder = folder or stack.enter_context(TemporaryDirectory(prefix='denoc_bag_'))
-                part = _unpacked(part, Path(folder), budget)
+        for part in (unpacked[part] for part in parts):
             is_database = _starts_with(part, _SQLITE_MAGIC)
             source: Source = DatabaseSource(part) if is_database else McapSource(part)
             stack.callback(source.close)
