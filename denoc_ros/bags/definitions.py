@@ -4,14 +4,20 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from rosbags.interfaces import Nodetype
-from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
+from rosbags.typesys import (
+    Stores,
+    TypesysError,
+    get_types_from_idl,
+    get_types_from_msg,
+    get_typestore,
+)
 
 from denoc_ros.errors import BagError
 
@@ -20,10 +26,71 @@ _ENCAPSULATION = 4
 _DTYPES = {'byte': 'uint8', 'octet': 'uint8', 'char': 'uint8'}
 
 
+class DefinitionError(BagError):
+    """The definition of a message type is damaged, or lacks a part: others can be read."""
+
+
 @lru_cache(maxsize=1)
 def message_types() -> Any:
     """Return the typestore of ROS 2 Jazzy, which grows by installed types when they are needed."""
     return get_typestore(Stores.ROS2_JAZZY)
+
+
+@lru_cache(maxsize=256)
+def types_of(type_name: str, encoding: str, text: str) -> Any:
+    """Return a typestore that has a type as a file defines it.
+
+    Parameters
+    ----------
+    encoding : str
+        `ros2msg` or `ros2idl`; for any other, or without a text, the type is the installed one.
+    text : str
+        The definition. Types that it uses and does not define are the installed ones.
+
+    Raises
+    ------
+    DefinitionError
+        When the definition is not valid, or a type is neither defined nor installed.
+    """
+    try:
+        if encoding not in _PARSERS or not text.strip():
+            require_type(type_name)
+            return message_types()
+        found = _PARSERS[encoding](text, type_name)
+        wanted = [type_name]
+        known: dict[str, Any] = {}
+        while wanted:
+            name = wanted.pop()
+            if name in known:
+                continue
+            if name not in found:
+                require_type(name)
+            known[name] = found[name] if name in found else message_types().fielddefs[name]
+            wanted.extend(_nested(known[name][1]))
+        store = get_typestore(Stores.EMPTY)
+        store.register(known)
+    except BagError as error:
+        rule = f'{type_name}: definition must be whole, got one without {error}'
+        raise DefinitionError(rule) from error
+    except Exception as error:  # the parser ends damaged texts in errors of several kinds
+        raise DefinitionError(f'{type_name}: definition must be valid, got: {error}') from error
+    return store
+
+
+def _types_of_idl(text: str, _: str) -> Any:
+    """Return the types of an IDL text, or of several with a line of 80 `=` before each."""
+    found: dict[str, Any] = {}
+    for part in text.split(f'{"=" * 80}\n'):
+        body = part.partition('\n')[2] if part.startswith('IDL: ') else part
+        found.update(get_types_from_idl(body) if body.strip() else {})
+    return found
+
+
+_PARSERS: dict[str, Callable[[str, str], Any]] = {
+    'ros2msg': get_types_from_msg,
+    'ros2idl': _types_of_idl,
+    'omgidl': _types_of_idl,
+}
 
 
 def message_definition(type_name: str) -> str:

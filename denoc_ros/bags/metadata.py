@@ -6,12 +6,15 @@ import os
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path
+from typing import NamedTuple
 
 import yaml
+from rosbags.rosbag2.metadata import parse_qos
 
 from denoc_ros.errors import ConfigError
-from denoc_ros.yaml_text import read_yaml_file
+from denoc_ros.yaml_text import load_yaml, read_yaml_file
 
 METADATA_NAME = 'metadata.yaml'
 # the newest version that Humble writes: later ones only add keys that nothing here needs
@@ -48,6 +51,73 @@ def qos_text(profiles: Iterable[Qos]) -> str:
     """Return `offered_qos_profiles`: yaml within a string, empty for no profile."""
     rows = [profile.as_dict() for profile in profiles]
     return yaml.safe_dump(rows, sort_keys=False).strip() if rows else ''
+
+
+@lru_cache(maxsize=32)
+def qos_profiles(text: str) -> tuple[Qos, ...]:
+    """Return the profiles of `offered_qos_profiles`; ValueError for a text that has none."""
+    try:
+        return tuple(
+            Qos(
+                profile.history.value,
+                profile.depth,
+                profile.reliability.value,
+                profile.durability.value,
+                profile.liveliness.value,
+            )
+            for profile in parse_qos(load_yaml(text) if text else [])
+        )
+    except (KeyError, TypeError, AttributeError) as error:
+        raise ValueError(f'got {text!r:.60}') from error
+
+
+class Definition(NamedTuple):
+    """The definition of a message type in a file: `ros2msg` or `ros2idl`, and its text."""
+
+    encoding: str
+    text: str
+
+
+@dataclass(frozen=True)
+class Connection:
+    """A topic in one file of a bag."""
+
+    number: int  # in its file
+    topic: str
+    type: str  # `package/msg/Name`
+    messages: int
+    definition: Definition
+    qos: tuple[Qos, ...] = ()  # what its publishers offered
+    fault: str = ''  # why its messages cannot be read, '' where they can
+
+
+def connection(
+    number: int,
+    topic: str,
+    kind: str,
+    messages: int,
+    encoding: str,
+    definition: tuple[str, str],
+    qos: str,
+    fault: str = '',
+) -> Connection:
+    """Return a topic as a file describes it, with the fault for which it cannot be read."""
+    profiles: tuple[Qos, ...] = ()
+    if fault:
+        pass
+    elif encoding != 'cdr':
+        fault = f'its messages must be encoded as cdr, got {encoding!r}'
+    elif not kind:
+        fault = 'it must have a schema, which names its message type, got none'
+    else:
+        try:
+            profiles = qos_profiles(qos)
+        except ValueError as error:
+            fault = f'its quality of service must be readable, {error}'
+    package, _, name = kind.partition('/')
+    if name and '/' not in name:  # as ROS 1 and several writers have it
+        kind = f'{package}/msg/{name}'
+    return Connection(number, topic, kind, messages, Definition(*definition), profiles, fault)
 
 
 @dataclass(frozen=True)
@@ -140,14 +210,27 @@ def write_metadata(folder: Path, text: str) -> None:
         os.close(descriptor)
 
 
-def named_files(folder: Path) -> set[str]:
-    """Return the names of the files that metadata.yaml names; ConfigError where it is damaged."""
+@dataclass(frozen=True)
+class NamedFiles:
+    """The files of a bag by its metadata.yaml."""
+
+    names: tuple[str, ...]  # in the order of their times
+    has_packed_messages: bool = False  # whether each message is compressed by zstd
+
+
+def named_files(folder: Path) -> NamedFiles:
+    """Return the files that metadata.yaml names; ConfigError where it is damaged."""
     file = folder / METADATA_NAME
     content = read_yaml_file(file)
     try:
-        paths = content['rosbag2_bagfile_information']['relative_file_paths']
-        return {Path(path).name for path in paths}
-    except (KeyError, TypeError) as error:
+        about = content['rosbag2_bagfile_information']
+        names = tuple(Path(path).name for path in about['relative_file_paths'])
+        mode = str(about.get('compression_mode') or 'none').lower()
+        form = about.get('compression_format')
+        if mode != 'none' and form != 'zstd':
+            raise ConfigError(str(file), [f'compression_format must be zstd, got {form!r}'])
+        return NamedFiles(names, mode == 'message')
+    except (KeyError, TypeError, AttributeError) as error:
         rule = f'the file must name the files of the bag, got {content!r:.60}'
         raise ConfigError(str(file), [rule]) from error
 

@@ -2,30 +2,29 @@
 
 from __future__ import annotations
 
+import logging
 import math
-import struct
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import lru_cache
+from itertools import chain
 from pathlib import Path
-from typing import IO, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
-from mcap.data_stream import ReadDataStream
-from mcap.reader import Summary, make_reader
-from mcap.records import Chunk, ChunkIndex
-from rosbags.interfaces import MessageDefinitionFormat
 
-from denoc_ros.bags.definitions import decode, message_types
-from denoc_ros.bags.metadata import METADATA_NAME, ChannelKey, Qos, named_files
-from denoc_ros.bags.rosbags_bounds import AnyReader
-from denoc_ros.bags.storage import MAGIC, is_mcap, require_bounded_chunks
-from denoc_ros.decompression import decompressed
+from denoc_ros.bags.bag_files import BagFiles, chosen_connections, opened_files
+from denoc_ros.bags.definitions import DefinitionError, decode, types_of
+from denoc_ros.bags.metadata import METADATA_NAME, ChannelKey, Connection, Qos, named_files
+from denoc_ros.bags.storage import MAGIC, is_mcap
 from denoc_ros.errors import BagError, ConfigError
 from denoc_ros.settings import parameter
 from denoc_ros.types import Stamps
 
 Stamp = Literal['header', 'log']
+# A file may be compressed on its own, as rosbag2 does when a recording ends.
+BAG_SUFFIXES = ('.mcap', '.db3', '.mcap.zstd', '.db3.zstd')
 STAMP = parameter(
     'stamp',
     'header',
@@ -40,10 +39,8 @@ SESSION_DESCRIPTION_TOPIC = '/up/robot_description'  # of the nodes of a session
 TEXT = 'std_msgs/msg/String'
 RawMessage = tuple[str, str, int, bytes]  # topic, type, log time [ns], CDR
 
-_RECORD = struct.Struct('<BQ')  # opcode and length
-_MESSAGE = struct.Struct('<BQHIQQ')  # and channel, sequence, log time, publish time
-_INDEX = struct.Struct('<BQHI')  # and channel, bytes of entries
-_MESSAGE_CODE, _INDEX_CODE = 5, 7
+MOST_NAMED = 8  # topics of one fault in a message
+LOG = logging.getLogger('denoc_ros')
 
 
 @dataclass(frozen=True)
@@ -120,29 +117,22 @@ def read_raw(path: str | Path, topics: Collection[str] | None = None) -> Iterato
     For those who take all of a long bag, or all of some topics, in one go: nothing is decoded.
     Arguments and errors as `read_bag`.
     """
-    with _open(Path(path)) as reader:
-        chosen = _connections(Path(path), reader, topics)
-        if not chosen:
-            return
-        for connection, log_ns, raw in _raw_messages(path, reader, chosen):
-            yield connection.topic, connection.msgtype, log_ns, raw
+    with _open(Path(path)) as bag:
+        for one, log_ns, raw in _raw_messages(path, bag, _present(path, bag, topics)):
+            yield one.topic, one.type, log_ns, raw
 
 
 def bag_contents(path: str | Path) -> BagContents:
     """Return the contents of a bag without reading its messages; errors as `read_bag`."""
-    with _open(Path(path)) as reader:
+    with _open(Path(path)) as bag:
         topics: dict[ChannelKey, RecordedTopic] = {}
-        for connection in reader.connections:
-            key = connection.topic, connection.msgtype
-            known = topics.get(key)
-            topics[key] = _recorded(connection, known.messages if known else 0)
-        spans = reader.message_count > 0
-        return BagContents(
-            tuple(topics.values()),
-            reader.message_count,
-            reader.start_time if spans else 0,
-            reader.end_time if spans else 0,
-        )
+        for one in bag.connections:
+            key = one.topic, one.type
+            before = topics[key].messages if key in topics else 0
+            text = one.definition.text if one.definition.encoding == 'ros2msg' else ''
+            topics[key] = RecordedTopic(*key, before + one.messages, text, one.qos)
+        messages = sum(topic.messages for topic in topics.values())
+        return BagContents(tuple(topics.values()), messages, *bag.span)
 
 
 def bag_topics(path: str | Path) -> dict[str, str]:
@@ -161,14 +151,12 @@ def read_attachment(path: str | Path, name: str) -> bytes:
     BagError
         When the bag cannot be read or has no such attachment.
     """
-    source = require_readable(Path(path))
     found: set[str] = set()
-    for part in mcap_files(source):
-        with only_bag_errors(source), part.open('rb') as stream:
-            for attachment in make_reader(stream).iter_attachments():
-                if attachment.name == name:
-                    return bytes(attachment.data)
-                found.add(attachment.name)
+    with _open(Path(path)) as bag:
+        for attachment in chain.from_iterable(each.attachments() for each in bag.mcap_sources()):
+            if attachment.name == name:
+                return bytes(attachment.data)
+            found.add(attachment.name)
     raise BagError(
         f'{path}: attachment must be one of {", ".join(sorted(found)) or "(none)"}, got {name!r}'
     )
@@ -191,33 +179,41 @@ def read_description(path: str | Path) -> str:
 
 
 def _messages(path: Path, topics: Collection[str] | None, stamp: Stamp) -> Iterator[BagMessage]:
-    with _open(path) as reader:
-        chosen = _connections(path, reader, topics)
-        if not chosen:
-            return
-        for connection, log_ns, raw in _raw_messages(path, reader, chosen):
-            message, _ = decode(reader.typestore, connection.msgtype, raw)
+    with _open(path) as bag:
+        chosen = _present(path, bag, topics)
+        types = {}
+        for one in bag.connections:
+            if one.topic not in chosen:
+                continue
+            try:
+                types[one.type, one.definition] = types_of(one.type, *one.definition)
+            except DefinitionError as error:
+                rule = f'{path}: {one.topic}: {error}'
+                if topics is not None:
+                    raise DefinitionError(rule) from error
+                warn_left_out(rule)
+        for one, log_ns, raw in _raw_messages(path, bag, chosen):
+            store = types.get((one.type, one.definition))
+            if store is None:
+                continue
+            message, _ = decode(store, one.type, raw)
             stamp_ns = (header_stamp_ns(message) if stamp == 'header' else 0) or log_ns
-            yield BagMessage(
-                connection.topic, connection.msgtype, stamp_ns, log_ns, bytes(raw), message
-            )
+            yield BagMessage(one.topic, one.type, stamp_ns, log_ns, raw, message)
 
 
 def _raw_messages(
-    path: str | Path, reader: Any, chosen: list[Any]
-) -> Iterator[tuple[Any, int, bytes]]:
+    path: str | Path, bag: BagFiles, topics: Collection[str]
+) -> Iterator[tuple[Connection, int, bytes]]:
     """Yield (connection, log time [ns], CDR bytes); a database may hold anything else."""
-    for connection, log_ns, raw in reader.messages(chosen):
+    for one, log_ns, raw in bag.messages(topics):
         if not isinstance(raw, bytes):
-            raise BagError(
-                f'{path}: {connection.topic}: message must be bytes, got {type(raw).__name__}'
-            )
+            raise BagError(f'{path}: {one.topic}: message must be bytes, got {type(raw).__name__}')
         if not isinstance(log_ns, int):
             raise BagError(
-                f'{path}: {connection.topic}: time of a message must be a whole number of ns, '
+                f'{path}: {one.topic}: time of a message must be a whole number of ns, '
                 f'got {log_ns!r}'
             )
-        yield connection, log_ns, raw
+        yield one, log_ns, raw
 
 
 def header_stamp_ns(message: Any) -> int:
@@ -226,58 +222,66 @@ def header_stamp_ns(message: Any) -> int:
     return 0 if stamp is None else int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
 
 
-def _recorded(connection: Any, before: int) -> RecordedTopic:
-    text = connection.msgdef
-    profiles = [
-        Qos(
-            profile.history.value,
-            profile.depth,
-            profile.reliability.value,
-            profile.durability.value,
-            profile.liveliness.value,
-        )
-        for profile in connection.ext.offered_qos_profiles
-    ]
-    return RecordedTopic(
-        connection.topic,
-        connection.msgtype,
-        before + connection.msgcount,
-        text.data if text.format is MessageDefinitionFormat.MSG else '',
-        tuple(profiles),
-    )
-
-
-def _connections(path: Path, reader: Any, topics: Collection[str] | None) -> list[Any]:
+def _present(path: str | Path, bag: BagFiles, topics: Collection[str] | None) -> set[str]:
+    """Return the topics that are wanted, default all; BagError for those that are not there."""
+    present = {one.topic for one in bag.connections}
     if topics is None:
-        return list(reader.connections)
-    present = {connection.topic for connection in reader.connections}
-    missing = sorted(set(topics) - present)
-    if missing:
+        return present
+    if missing := sorted(set(topics) - present):
+        faults = {one.topic: f': {one.fault}' for one in bag.left_out}
         raise BagError(
             f'{path}: topics must be among {", ".join(sorted(present)) or "(none)"}, '
-            f'got {", ".join(missing)}'
+            f'got {", ".join(topic + faults.get(topic, "") for topic in missing)}'
         )
-    return [connection for connection in reader.connections if connection.topic in topics]
-
-
-class _CommonTypes:
-    """Types for bags that hold no definitions: built for those only, as it takes a while."""
-
-    @property
-    def fielddefs(self) -> Any:
-        return message_types().fielddefs
+    return set(topics)
 
 
 @contextmanager
-def _open(path: Path) -> Iterator[Any]:
+def _open(path: Path) -> Iterator[BagFiles]:
+    """Open a bag; topics that cannot be read are named once, and not there."""
     source = require_readable(path)
-    types = _CommonTypes()
-    with only_bag_errors(path), AnyReader([source], default_typestore=types) as reader:
-        for one in reader.connections:
-            if not (isinstance(one.topic, str) and isinstance(one.msgtype, str)):
-                rule = f'name and type of a topic must be text, got {one.topic!r}'
-                raise BagError(f'{path}: {rule}, {one.msgtype!r}')
-        yield reader
+    with only_bag_errors(path):
+        parts, has_packed_messages = [source], False
+        if source.is_dir():
+            about = named_files(source)
+            parts, has_packed_messages = (
+                [source / name for name in about.names],
+                about.has_packed_messages,
+            )
+            if missing := [part.name for part in parts if not part.exists()]:
+                raise BagError(
+                    f'{path}: bag must have the files that {METADATA_NAME} names, '
+                    f'got none of {", ".join(missing)}'
+                )
+        with opened_files(parts, has_packed_messages) as bag:
+            if bag.left_out and not bag.connections:
+                raise BagError(
+                    f'{path}: bag must have a topic that can be read, got: {_faults(bag)}'
+                )
+            if bag.left_out:
+                warn_left_out(f'{path}: {_faults(bag)}')
+            yield bag
+
+
+def _faults(bag: BagFiles) -> str:
+    """Return why topics are left out, with their messages."""
+    found: dict[str, dict[str, int]] = {}
+    for one in bag.left_out:
+        topics = found.setdefault(one.fault, {})
+        topics[one.topic] = topics.get(one.topic, 0) + one.messages
+    return '; '.join(f'{_named(topics)}: {fault}' for fault, topics in found.items())
+
+
+def _named(topics: dict[str, int]) -> str:
+    named = [f'{topic} ({count} messages)' for topic, count in topics.items()]
+    more = len(named) - MOST_NAMED
+    return ', '.join(named[:MOST_NAMED]) + (f' and {more} more' if more > 0 else '')
+
+
+@lru_cache(maxsize=1000)
+def warn_left_out(reason: str) -> None:
+    """Log, once for each reason, that topics are left out."""
+    LOG.warning('topics are left out: %s', reason)
 
 
 @contextmanager
@@ -307,7 +311,7 @@ def require_readable(path: Path) -> Path:
         return _require_finished_folder(path)
     if not path.is_file():
         raise BagError(f'{path}: bag must be a folder or a regular file, got another kind')
-    if path.suffix not in ('.mcap', '.db3'):
+    if not path.name.endswith(BAG_SUFFIXES):
         raise BagError(f'{path}: bag must be a rosbag2 folder, a .mcap or a .db3 file')
     # What does not even begin as MCAP is not unfinished but something else.
     if path.suffix == '.mcap' and is_mcap(path) and not _is_finished(path):
@@ -315,14 +319,14 @@ def require_readable(path: Path) -> Path:
     return path
 
 
-def mcap_files(source: Path) -> list[Path]:
+def _mcap_files(source: Path) -> list[Path]:
     """Return the MCAP files of a bag: those that metadata.yaml names, or all in the folder."""
     if not source.is_dir():
         return [source]
     # Opening a pipe would wait for ever.
     found = sorted(part for part in source.glob('*.mcap') if part.is_file())
     try:
-        named = named_files(source)
+        named = named_files(source).names
     except ConfigError:
         return found
     # the recorder leaves out what somebody spoiled
@@ -330,7 +334,7 @@ def mcap_files(source: Path) -> list[Path]:
 
 
 def _require_finished_folder(folder: Path) -> Path:
-    parts = mcap_files(folder)
+    parts = _mcap_files(folder)
     unfinished = [part for part in parts if not _is_finished(part)]
     if (folder / METADATA_NAME).is_file() and not unfinished:
         try:
@@ -340,6 +344,8 @@ def _require_finished_folder(folder: Path) -> Path:
                 f'{error}; run: denoc recover {folder}' if parts else str(error)
             ) from error
         return folder
+    if len(parts) == 1 and not unfinished and not (folder / METADATA_NAME).exists():
+        return parts[0]
     if parts:
         raise BagError(_unfinished(folder))
     databases = sorted(file for file in folder.glob('*.db3') if file.is_file())
@@ -388,19 +394,21 @@ def read_thinned(
     early_ns, late_ns : float
         What is kept lies between them, since the first message of these topics [ns].
     """
-    source = require_readable(Path(path))
-    parts = mcap_files(source)
     picker = _Picker(step_ns, early_ns, late_ns)
-    with only_bag_errors(source):
-        indexed = [part.suffix == '.mcap' and _begin(part) for part in parts]
-    if not parts or any(begin is None or begin is False for begin in indexed):
-        for topic, kind, log_ns, raw in read_raw(path, topics):
-            if len(picker.pick(topic, np.array([log_ns]))):
-                yield topic, kind, log_ns, raw
-        return
-    for _, part in sorted(zip(indexed, parts, strict=True), key=lambda entry: entry[0] or 0):
-        with only_bag_errors(source), part.open('rb') as stream:
-            yield from _picked(stream, topics, picker)
+    with _open(Path(path)) as bag:
+        sources = bag.mcap_sources()
+        wanted = _present(path, bag, topics)
+        if not all(each.contents.is_indexed for each in sources) or sources != [*bag.sources]:
+            sources = []
+        for source in sources:
+            chosen = chosen_connections(source, wanted)
+            named = {number: one.topic for number, one in chosen.items()}
+            for number, log_ns, raw in source.picked(named, picker.pick):
+                yield chosen[number].topic, chosen[number].type, log_ns, raw
+        if not sources:
+            for one, log_ns, raw in _raw_messages(path, bag, wanted):
+                if len(picker.pick(one.topic, np.array([log_ns]))):
+                    yield one.topic, one.type, log_ns, raw
 
 
 class _Picker:
@@ -434,78 +442,3 @@ class _Picker:
         due = self._due.get(topic, log_ns)
         # a message that comes a little late does not put off those after it
         self._due[topic] = (due if log_ns - due <= self._step // 2 else log_ns) + self._step
-
-
-def _begin(part: Path) -> int | None:
-    """Return when a file's messages begin [ns], None where no index leads to all of them."""
-    require_bounded_chunks(part)
-    with part.open('rb') as stream:
-        summary = make_reader(stream).get_summary()
-    if summary is None or summary.statistics is None:
-        return None
-    if not all(chunk.message_index_offsets for chunk in summary.chunk_indexes):
-        return None
-    return summary.statistics.message_start_time if summary.chunk_indexes else None
-
-
-def _picked(stream: IO[bytes], topics: Collection[str], picker: _Picker) -> Iterator[RawMessage]:
-    summary = make_reader(stream).get_summary()
-    assert summary is not None
-    known = _channels(summary, topics)
-    for chunk in sorted(summary.chunk_indexes, key=lambda index: index.message_start_time):
-        kept = []
-        for channel, (times, places) in _message_indexes(stream, chunk, set(known)).items():
-            rows = picker.pick(known[channel][0], times)
-            kept += [(int(times[row]), int(places[row]), channel) for row in rows]
-        if not kept:
-            continue
-        content = _content(stream, chunk)
-        for log_ns, place, channel in sorted(kept):
-            yield *known[channel], log_ns, _message(content, place, channel)
-
-
-def _channels(summary: Summary, topics: Collection[str]) -> dict[int, tuple[str, str]]:
-    """Return topic and type of the channels that are wanted."""
-    return {
-        number: (channel.topic, summary.schemas[channel.schema_id].name)
-        for number, channel in summary.channels.items()
-        if channel.topic in topics
-    }
-
-
-def _message_indexes(
-    stream: IO[bytes], chunk: ChunkIndex, wanted: set[int]
-) -> dict[int, tuple[Stamps, Stamps]]:
-    """Return log times [ns], ascending, and places in a chunk of its messages, by channel."""
-    start = chunk.chunk_start_offset + chunk.chunk_length
-    stream.seek(start)
-    block = stream.read(chunk.message_index_length)
-    found = {}
-    for channel, offset in chunk.message_index_offsets.items():
-        if channel not in wanted:
-            continue
-        code, _, indexed, size = _INDEX.unpack_from(block, offset - start)
-        if (code, indexed) != (_INDEX_CODE, channel) or offset < start:
-            raise BagError('its message index is damaged')
-        at = offset - start + _INDEX.size
-        entries = np.frombuffer(block[at : at + size], dtype='<u8').reshape(-1, 2)
-        times = entries[:, 0].astype(np.int64)
-        order = np.argsort(times, kind='stable')
-        if len(times):
-            found[channel] = times[order], entries[order, 1].astype(np.int64)
-    return found
-
-
-def _content(stream: IO[bytes], index: ChunkIndex) -> bytes:
-    """Return a chunk's records, opened."""
-    stream.seek(index.chunk_start_offset + _RECORD.size)
-    chunk = Chunk.read(ReadDataStream(stream))
-    return decompressed(chunk.data, chunk.compression, chunk.uncompressed_size)
-
-
-def _message(content: bytes, place: int, channel: int) -> bytes:
-    code, length, found, *_ = _MESSAGE.unpack_from(content, place)
-    end = place + _RECORD.size + length
-    if (code, found) != (_MESSAGE_CODE, channel) or end > len(content):
-        raise BagError('its message index is damaged')
-    return content[place + _MESSAGE.size : end]

@@ -36,6 +36,9 @@ class Recovered:
     torn: tuple[str, ...]  # names of the files that lack their beginning or their end
     damaged_chunks: int  # chunks left out because their content is not what was written
     left_out: tuple[str, ...] = ()  # names of the files that are none of MCAP
+    # messages left out because the file does not say what they are: it lacks their channel, or
+    # the channel's schema
+    unknown_messages: int = 0
 
     @property
     def counts(self) -> dict[str, int]:
@@ -102,6 +105,12 @@ def _parts(source: Path) -> list[Path]:
         parts = sorted((p for p in source.glob('*.mcap') if p.is_file()), key=_natural)
     else:
         parts = [source] if source.is_file() else []
+    packed = [*source.glob('*.mcap.zstd')] if source.is_dir() else [source]
+    if packed and packed[0].name.endswith('.zstd'):
+        raise BagError(
+            f'{source}: must be a .mcap file or a folder that holds some, got {packed[0].name}: '
+            f'unpack it with zstd -d'
+        )
     if not parts:
         raise BagError(f'{source}: must be a .mcap file or a folder that holds some, got none')
     return parts
@@ -132,6 +141,7 @@ def _rebuild(
         tuple(copy.contents for copy in copies),
         tuple(part.name for part, copy in zip(parts, copies, strict=True) if not copy.finished),
         sum(copy.damaged_chunks for copy in copies),
+        unknown_messages=sum(copy.unknown_messages for copy in copies),
     )
 
 
@@ -164,6 +174,7 @@ class _Copy:
     def __init__(self, source: Path, target: Path, name: str) -> None:
         self.contents = FileContents(name)
         self.topics: list[Topic] = []
+        self.unknown_messages = 0
         self._schemas: dict[int, int] = {0: 0}
         self._types: dict[int, str] = {0: ''}
         self._channels: dict[int, tuple[int, ChannelKey]] = {}
@@ -219,6 +230,7 @@ class _Copy:
 
     def _take_message(self, record: Message) -> None:
         if record.channel_id not in self._channels:
+            self.unknown_messages += 1
             return
         number, channel = self._channels[record.channel_id]
         self._writer.add_message(

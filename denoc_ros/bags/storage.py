@@ -23,7 +23,6 @@ from typing import IO
 from mcap.data_stream import ReadDataStream, RecordBuilder
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.reader import make_reader
 from mcap.records import (
     Attachment,
     AttachmentIndex,
@@ -42,7 +41,7 @@ from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import CompressionType, Writer
 
 from denoc_ros.bags.metadata import ChannelKey, FileContents, Topic
-from denoc_ros.decompression import decompressed, require_bounded
+from denoc_ros.decompression import decompressed
 
 COMPRESSIONS = {
     'none': CompressionType.NONE,
@@ -242,21 +241,6 @@ class McapFile:
             self._disk.truncate(layout.end)
             return False
         return True
-
-
-def require_bounded_chunks(path: Path) -> None:
-    """Raise ValueError for chunks that would fill the memory, however small they are on the disk.
-
-    Nothing is read from a path that is no regular file: reading a pipe would wait for ever.
-    """
-    if not path.is_file():
-        raise ValueError(f'{path.name} must be a regular file, got another kind')
-    with path.open('rb') as stream:
-        summary = make_reader(stream).get_summary()
-    chunks = summary.chunk_indexes if summary is not None else ()
-    require_bounded(
-        (one.message_start_time, one.message_end_time, one.uncompressed_size) for one in chunks
-    )
 
 
 class CompleteRecords:
@@ -462,7 +446,7 @@ def _add_record(
 ) -> None:
     content = ReadDataStream(stream)
     if opcode == Opcode.CHUNK:
-        layout.chunks.append(_chunk_index(Chunk.read(content), offset, length))
+        layout.chunks.append(chunk_index(Chunk.read(content), offset, length))
         layout.counts.append(Counter())
     elif opcode == Opcode.MESSAGE_INDEX:
         index = MessageIndex.read(content)
@@ -484,7 +468,8 @@ def _add_record(
         )
 
 
-def _chunk_index(chunk: Chunk, offset: int, length: int) -> ChunkIndex:
+def chunk_index(chunk: Chunk, offset: int, length: int) -> ChunkIndex:
+    """Return the index of a chunk record at an offset, of a length [bytes]."""
     return ChunkIndex(
         chunk_length=length,
         chunk_start_offset=offset,

@@ -19,7 +19,7 @@ from denoc_ros.cli import end_at_once
 from denoc_ros.cli.interrupts import interrupt, is_made_by_interrupt, noted_interrupts
 from denoc_ros.cli.verbs import BAD_INPUT, CAMPAIGNS, INTERRUPTED, verbs
 from denoc_ros.errors import ConfigError, DenocError
-from denoc_ros.terminal_text import say, visible_record
+from denoc_ros.terminal_text import say
 
 # objects after which garbage is looked for: with 700 that takes a seventh of a start
 GARBAGE = 20_000
@@ -201,13 +201,20 @@ def _completed(arguments: list[str]) -> list[str]:
     return [arguments[0], known.default_action(arguments[1:]), *arguments[1:]]
 
 
+class _StderrHandler(logging.Handler):
+    """Prints records on the stderr of the moment: a process may run several commands."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Print a record."""
+        say(self.format(record), file=sys.stderr)
+
+
 def _show_log() -> None:
     """Send the package's log, such as the compilation of its kernels, to stderr."""
     log = logging.getLogger('denoc_ros')
     if not log.handlers:
-        handler = logging.StreamHandler()
+        handler = _StderrHandler()
         handler.setFormatter(logging.Formatter('denoc: %(message)s'))
-        handler.addFilter(visible_record)
         log.addHandler(handler)
     log.setLevel(logging.INFO)
 

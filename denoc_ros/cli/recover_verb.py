@@ -40,8 +40,9 @@ def run(args: argparse.Namespace) -> VerbResult:
         'torn': list(result.torn),
         'damaged_chunks': result.damaged_chunks,
         'left_out': list(result.left_out),
+        'unknown_messages': result.unknown_messages,
     }
-    doubtful = result.damaged_chunks or result.left_out
+    doubtful = result.damaged_chunks or result.left_out or result.unknown_messages
     return VerbResult(row, _lines(row), DOUBTFUL if doubtful else 0)
 
 
@@ -57,4 +58,7 @@ def _lines(row: dict[str, Any]) -> list[str]:
     ]
     if row['damaged_chunks']:
         lines.append(f'  {row["damaged_chunks"]} damaged chunks were left out')
+    if row['unknown_messages']:
+        count = row['unknown_messages']
+        lines.append(f'  {count} messages were left out: the file does not say of which topic')
     return lines

@@ -29,7 +29,6 @@ NEEDED += ('std_srvs', 'diagnostic_msgs', 'launch', 'launch_ros')
 autodoc_mock_imports = [name for name in NEEDED if importlib.util.find_spec(name) is None]
 # kernels are made by numba as they are imported
 autodoc_mock_imports += ['denoc_ros.kernels'] * ('numba' in autodoc_mock_imports)
-autodoc_mock_imports += ['denoc_ros.bags.rosbags_bounds'] * ('rosbags' in autodoc_mock_imports)
 
 project = 'denoc_ros'
 author = 'denoc_ros maintainers'

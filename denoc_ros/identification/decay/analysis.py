@@ -10,9 +10,25 @@ import numpy as np
 from denoc_ros.errors import IdentificationError
 from denoc_ros.identification.decay.components import COMPARABLE_NEIGHBOUR, HEAVY
 from denoc_ros.identification.decay.decrement import Convention, Decrement, log_decrement
-from denoc_ros.identification.decay.modes import DOUBTFUL, GOOD, Modes, strongest
-from denoc_ros.identification.decay.modes_fit import fit_modes
-from denoc_ros.identification.decay.record_segments import Span, decay_window, moving_until
+from denoc_ros.identification.decay.modes import (
+    DOUBTFUL,
+    GOOD,
+    NOT_IDENTIFIABLE,
+    Modes,
+    strongest,
+)
+from denoc_ros.identification.decay.modes_fit import (
+    FEWEST_FOLDS,
+    NOT_WHITE,
+    TOO_MANY,
+    fit_modes,
+)
+from denoc_ros.identification.decay.record_segments import (
+    Span,
+    decay_window,
+    moving_until,
+    release_time,
+)
 from denoc_ros.identification.decay.records import Quality, Record, assess, doubtful_rate
 from denoc_ros.identification.decay.spectra import Method, SpectralDecay, evolving_spectra
 from denoc_ros.types import Array
@@ -22,6 +38,10 @@ CLEAR = 5.0  # standard deviations of the noise: lower crests are not counted
 HELD_OUT = 0.3  # of a decay: predicted from the rest
 TIME_CONSTANTS = 2.0  # after which what a motion's end left is gone
 LATEST = 0.5  # of a window: it is not begun anew later than that
+LONG = 100_000  # samples: of a longer record a part is looked at first
+FIRST_LOOK = 10_000  # samples of that part
+PER_CYCLE = 5.0  # samples of that part in a cycle of the fastest motion that is strong
+MOST_POWER = 0.995  # of a record: the motions that hold it are strong
 
 
 @dataclass(frozen=True)
@@ -65,7 +85,11 @@ def analyse_decay(
         window_by = 'given'
     else:
         record, window_by = decay_window(record, standing)
-    modes = fit_modes(record)
+    short = _no_free_decay(record)
+    if short is not None:
+        record, modes = short
+    else:
+        modes = fit_modes(record)
     if not given and (later := _after_motion(record, modes)) is not None:
         record, modes = later
     if moves := moving_until(record, standing):
@@ -81,6 +105,50 @@ def analyse_decay(
         for k in range(len(modes.frequency))
     )
     return DecayAnalysis(record, window_by, assess(record), modes, spectra, checks)
+
+
+def _no_free_decay(record: Record) -> tuple[Record, Modes] | None:
+    """Return the first part of a long record that is no free decay, and its modes; else None.
+
+    A fit of many components to all samples takes minutes. A record whose power does not fall, and
+    whose first part damped cosines do not explain, is no free decay, whatever follows.
+    """
+    if record.t.size <= LONG:
+        return None
+    free = record.part(release_time(record), float(record.t[-1]))
+    if _falls(free):
+        return None
+    first = _first_part(free)
+    modes = fit_modes(first)
+    if not {NOT_WHITE, TOO_MANY} & {*modes.remarks}:
+        return None
+    share = 100.0 * first.duration / record.duration
+    reason = f'the power of the record does not fall: only the first {share:.2g} % are fitted'
+    return first, replace(
+        modes,
+        verdict=(NOT_IDENTIFIABLE,) * len(modes.verdict),
+        remarks=(*modes.remarks, f'no free decay: {reason}'),
+    )
+
+
+def _falls(record: Record) -> bool:
+    """Say whether the power falls as that of a mode that falls enough in its window."""
+    x = (record.t - record.t.mean()) / record.duration
+    rest = record.y - record.y.mean()
+    rest = rest - x * float(x @ rest / (x @ x))
+    quarter = record.t.size // 4
+    least = np.exp(-2.0 * FEWEST_FOLDS * 0.75)  # from the middle of one quarter to the other
+    return bool(np.mean(rest[-quarter:] ** 2) < least * np.mean(rest[:quarter] ** 2))
+
+
+def _first_part(record: Record) -> Record:
+    """Return the first samples of a record, means of several where its motion is slow."""
+    power = np.cumsum(np.abs(np.fft.rfft(record.y - record.y.mean())) ** 2)
+    lines = int(np.searchsorted(power, MOST_POWER * power[-1])) + 1  # cycles in the record
+    size = max(int(record.t.size / (PER_CYCLE * lines)), 1)
+    count = min(record.t.size // size, FIRST_LOOK)
+    t, y = (each[: count * size].reshape(-1, size).mean(axis=1) for each in (record.t, record.y))
+    return Record(t, y, record.name, record.unit)
 
 
 def _after_motion(record: Record, modes: Modes) -> tuple[Record, Modes] | None:

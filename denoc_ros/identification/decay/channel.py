@@ -10,8 +10,9 @@ from typing import Any
 
 import numpy as np
 
+from denoc_ros.bags.definitions import DefinitionError
 from denoc_ros.bags.joint_state import FIELDS, JOINT_STATE
-from denoc_ros.bags.reader import bag_topics, read_bag
+from denoc_ros.bags.reader import bag_topics, read_bag, warn_left_out
 from denoc_ros.bags.series import elapsed, element_names, read_arrays, read_joint_states
 from denoc_ros.errors import BagError
 from denoc_ros.identification.decay.records import Record
@@ -213,7 +214,11 @@ def _value(path: Path, channel: Channel, message: Any) -> float:
 
 def _bag_channels(path: Path) -> Iterator[Channel]:
     for topic in bag_topics(path):
-        item = next(read_bag(path, [topic]), None)
+        try:
+            item = next(read_bag(path, [topic]), None)
+        except DefinitionError as error:
+            warn_left_out(str(error))
+            continue
         if item is not None:
             yield from _message_channels(topic, item.type, item.message)
 

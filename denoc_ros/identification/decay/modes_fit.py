@@ -36,6 +36,9 @@ NEAR_NYQUIST = 0.8  # of half the sample rate
 CLIP_MARGIN = 3.0  # standard deviations of the noise below the limit
 SMEARED = 0.4  # of the resolution: noise from which on levels are as good as none
 MOST_EXTREMES = 0.1  # of the samples: more at one value are no crest
+MOST_COSINES = 12
+TOO_MANY = f'{MOST_COSINES} or more components: the record is not a free decay'
+NOT_WHITE = 'the residual is not white noise: the modes do not explain the record'
 
 
 def judge(
@@ -267,14 +270,14 @@ def _remarks(
     if late:
         remarks.append(f'starts with a rest: fitted from {late:.3g} s after its start on')
     if len(fit.poles) >= MOST_COSINES:
-        remarks.append(f'{MOST_COSINES} or more components: the record is not a free decay')
+        remarks.append(TOO_MANY)
     if not parts:
         remarks.append('no mode is above the noise')
     remarks += [
         f'the vibration at {part.frequency:.4g} Hz grows: no free decay' for part in growing
     ]
     if coloured(fit.residual):
-        remarks.append('the residual is not white noise: the modes do not explain the record')
+        remarks.append(NOT_WHITE)
     if not seen.all():
         remarks.append(f'{np.count_nonzero(~seen)} clipped samples left out')
     if quality.gaps:
@@ -285,7 +288,6 @@ def _remarks(
 # the number of modes -----------------------------------------------------------------------------
 
 LONGEST = 600
-MOST_COSINES = 12
 COST = 5.0  # of one damped cosine, in log(samples): four parameters and the search for them
 DYNAMIC_RANGE = 1e-5  # no component is looked for below this part of the largest value
 HIGHEST = 0.95  # of half the sample rate

@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from denoc_ros.bags.reader import BAG_SUFFIXES
 from denoc_ros.child_arrays import child_arrays
 from denoc_ros.decompression import inflated_size, require_bounded_archive
 from denoc_ros.errors import BagError
@@ -32,7 +33,6 @@ UNITS_OF_COLUMNS = re.compile(
 COMMENT = ('#', '%')
 BEHIND = re.compile(r'\s#\s.*')  # a comment behind the cells
 DELIMITERS = ';\t|, '
-BAGS = ('.mcap', '.db3')
 MOST_COLUMNS = 1000
 MOST_SIGNALS = 64  # rows of a text that may be signals, one in each
 FEWEST_SAMPLES = 8
@@ -550,7 +550,7 @@ def seconds_of(cell: str) -> float | None:
 def is_table(path: Path) -> bool:
     """Say whether a path is that of a table: a file that is no bag."""
     suffix = path.suffix.lower()
-    return suffix in READERS or (suffix not in BAGS and path.is_file())
+    return suffix in READERS or (not path.name.lower().endswith(BAG_SUFFIXES) and path.is_file())
 
 
 SPREADSHEETS = ('.xlsx', '.xlsm')

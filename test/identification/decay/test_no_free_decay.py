@@ -9,6 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from denoc_ros.bags.writer import BagWriter
+from denoc_ros.identification.decay import analysis
 from denoc_ros.identification.decay.analysis import analyse_decay
 from denoc_ros.identification.decay.channel import Channel, read_record
 from denoc_ros.identification.decay.components import find_lines, later_start_differs, suspects
@@ -150,3 +151,54 @@ def test_lines_are_not_named_by_a_tolerance_that_grows() -> None:
     )
     assert find_lines(fit, 8.0) == {}
     assert suspects(fit, 8.0) == {}
+
+
+LONG_T = np.arange(12_000.0) / 3000.0
+
+
+@pytest.fixture
+def short_is_long(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let records of 10,000 samples be long: the fits to larger ones take their time."""
+    monkeypatch.setattr(analysis, 'LONG', 10_000)
+    monkeypatch.setattr(analysis, 'FIRST_LOOK', 2_000)
+
+
+def long_record(kind: str) -> Record:
+    """Return a record longer than one that is fitted as a whole at once."""
+    random = np.random.default_rng(2)
+    if kind == 'tones':  # a machine at constant speed
+        tones = zip(random.uniform(10.0, 1300.0, 20), random.uniform(0.2, 1.0, 20), strict=True)
+        y = sum(size * np.sin(2.0 * np.pi * hertz * LONG_T) for hertz, size in tones)
+    elif kind == 'slow tones':  # the same of a slow one: its samples are close
+        tones = zip(random.uniform(2.0, 60.0, 20), random.uniform(0.2, 1.0, 20), strict=True)
+        y = sum(size * np.sin(2.0 * np.pi * hertz * LONG_T) for hertz, size in tones)
+    elif kind == 'decay':
+        y = np.exp(-0.2 * LONG_T) * np.cos(2.0 * np.pi * 21.0 * LONG_T)
+    else:  # 'steady': one mode that hardly decays
+        y = np.exp(-0.001 * LONG_T) * np.cos(2.0 * np.pi * 21.0 * LONG_T)
+    return Record(LONG_T, np.asarray(y) + 0.01 * random.standard_normal(LONG_T.size), kind)
+
+
+@pytest.mark.usefixtures('short_is_long')
+@pytest.mark.parametrize('kind', ['tones', 'slow tones'])
+def test_a_long_record_that_does_not_fall_is_no_free_decay(kind: str) -> None:
+    """A fit to all samples says the same after minutes."""
+    found = analyse_decay(long_record(kind), given=True)
+    assert found.record.t.size <= 2_000
+    assert set(found.modes.verdict) <= {'not identifiable'}
+    assert any('does not fall' in remark and '%' in remark for remark in found.modes.remarks)
+
+
+@pytest.mark.usefixtures('short_is_long')
+@pytest.mark.parametrize('kind', ['decay', 'steady'])
+def test_a_long_free_decay_is_fitted_as_a_whole(kind: str) -> None:
+    """What damped cosines explain is fitted whole, though it hardly falls."""
+    record = long_record(kind)
+    found = analyse_decay(record, given=True)
+    np.testing.assert_array_equal(found.record.t, record.t)
+    expected = fit_modes(record)
+    np.testing.assert_array_equal(found.modes.damping_ratio, expected.damping_ratio)
+    np.testing.assert_array_equal(found.modes.frequency, expected.frequency)
+    rate = {'decay': 0.2, 'steady': 0.001}[kind]
+    zeta = rate / np.hypot(rate, 2.0 * np.pi * 21.0)
+    assert found.modes.interval[0, 0] < zeta < found.modes.interval[0, 1]
