@@ -258,6 +258,11 @@ def number_range(text: str) -> tuple[float, float]:
     return low, high
 
 
+def add_phase(parser: argparse.ArgumentParser) -> None:
+    """Declare `--phase`."""
+    add_option(parser, '--phase NAME', 'a phase of the run (default: all); repeatable', [])
+
+
 def add_overrides(parser: argparse.ArgumentParser) -> None:
     """Declare `--set` and `--payload`."""
     text = 'change a number of the model, such as beam.upper_arm.y.ei=9e4; repeatable'

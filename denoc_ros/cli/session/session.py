@@ -15,6 +15,7 @@ from denoc_ros.cli.session.node_parameters import (
     changed_parameters,
     node_parameters,
     node_table,
+    plant_numbers,
     write_parameters,
 )
 from denoc_ros.cli.session.phase_plans import asked_at_pace, motion_of
@@ -449,7 +450,8 @@ class Session:
 
     def _mark_begin(self, phase: Phase) -> None:
         self._client.begin_phase(phase.name)
-        self._file.begin_phase(phase.name, self._now_ns)
+        plant = plant_numbers(self._config, phase) if 'plant' in self._names else None
+        self._file.begin_phase(phase.name, self._now_ns, plant)
 
     @property
     def _now_ns(self) -> int:

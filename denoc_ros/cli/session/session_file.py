@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import time
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -36,8 +37,9 @@ class SessionFile:
     def phases(self) -> list[dict[str, Any]]:
         """The phases that have begun.
 
-        `name`, `begin_ns`, `end_ns` (None: unfinished) and, of a finished one, `wall`: the seconds
-        of wall time that it took.
+        `name`, `begin_ns`, `end_ns` (None: unfinished), `plant`: the plant's numbers by dotted
+        path, as far as the session gives them, and, of a finished one, `wall`: the seconds of
+        wall time that it took.
         """
         return list(self._values['phases'])
 
@@ -50,13 +52,24 @@ class SessionFile:
         """
         return dict(self._values.get('time', {}))
 
-    def begin_phase(self, name: str, stamp_ns: int) -> None:
-        """Note that a phase begins, or begins anew, by the clock of the recording [ns]."""
+    def begin_phase(
+        self, name: str, stamp_ns: int, plant: Mapping[str, Any] | None = None
+    ) -> None:
+        """Note that a phase begins, or begins anew, by the clock of the recording [ns].
+
+        Parameters
+        ----------
+        plant : mapping of str to number or numbers, optional
+            The plant's numbers by dotted path, as far as they are not the description's.
+        """
         self._phase_began = time.perf_counter()
         phases = self._values['phases']
         if phases and phases[-1]['end_ns'] is None:
             phases.pop()
-        phases.append({'name': name, 'begin_ns': stamp_ns, 'end_ns': None})
+        phases.append(
+            {'name': name, 'begin_ns': stamp_ns, 'end_ns': None}
+            | ({} if plant is None else {'plant': dict(plant)})
+        )
         self._write()
 
     def end_phase(self, stamp_ns: int) -> None:
