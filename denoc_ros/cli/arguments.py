@@ -258,7 +258,7 @@ def number_range(text: str) -> tuple[float, float]:
     return low, high
 
 
-def add_phase(parser: argparse.ArgumentParser) -> None:
+def add_phase(parser: Any) -> None:
     """Declare `--phase`."""
     add_option(parser, '--phase NAME', 'a phase of the run (default: all); repeatable', [])
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -92,15 +93,21 @@ class PhaseMeasures:
         return np.asarray(self.tip_error.values[rows, 0])
 
 
-def measure(recording: RecordedTopics, robot: Robot | None, tip: str) -> tuple[PhaseMeasures, ...]:
-    """Measure each phase of a recording.
+def measure(
+    recording: RecordedTopics, robot: Robot | None, tip: str, names: Sequence[str] = ()
+) -> tuple[PhaseMeasures, ...]:
+    """Measure each phase of a recording, or those of some names.
 
     Parameters
     ----------
     robot : Robot or None
         The robot, for the tip's error; None leaves that out.
     """
-    return tuple(_phase(recording, interval, robot, tip) for interval in recording.phases)
+    return tuple(
+        _phase(recording, interval, robot, tip)
+        for interval in recording.phases
+        if not names or interval.name in names
+    )
 
 
 def summarize(phases: tuple[PhaseMeasures, ...]) -> dict[str, Any]:

@@ -181,7 +181,9 @@ def _no_torque(sizes: EffortSizes, k: int) -> str:
     measured, expected = sizes.measured[k], sizes.expected[k]
     if vanishes(measured, expected):
         least = VANISHING * max(1.0, float(np.max(sizes.expected)))
-        return f'{measured:.3g} where the model has {expected:.3g} (rms)' * (expected > least)
+        if expected <= least:
+            return ''
+        return f'{measured:.3g} where the model has {expected:.3g} (rms)'
     low, high = SCALES
     if sizes.correlation[k] > SCALE_CORRELATION and not low <= sizes.scale[k] <= high:
         return f'about {sizes.scale[k]:.3g} times that of the model: a current, or another unit'

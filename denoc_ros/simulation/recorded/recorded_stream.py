@@ -165,7 +165,7 @@ class JointStream:
     def _clean(self, series: JointSeries) -> JointSeries:
         """Return the rows of the phases that have every joint and stamps that rise."""
         series = series.select(self.source.joints)
-        phase = _phase_numbers(self.source.phases, series.stamp_ns)
+        phase = phase_numbers(self.source.phases, series.stamp_ns)
         inside = np.flatnonzero(phase >= 0)
         series, phase = series[inside], phase[inside]
         is_whole = np.asarray(np.isfinite(series.position).all(axis=1), dtype=bool)
@@ -223,7 +223,7 @@ class JointStream:
     ) -> Iterator[Block]:
         """Yield the rows from the first to before the last one, a block for each phase."""
         rows = rows.since(int(rows.stamp_ns[0]))
-        phase = _phase_numbers(self.source.phases, rows.stamp_ns - self._ahead(rows.log_ns))
+        phase = phase_numbers(self.source.phases, rows.stamp_ns - self._ahead(rows.log_ns))
         starts = self._starts(rows, phase, first, last)
         edges = [*np.flatnonzero(starts), len(rows.t)]
         parts = [
@@ -282,7 +282,7 @@ class JointStream:
         return smooth(rows.t, rows.position, rates, self.method, self.cutoff, self.period)
 
 
-def _phase_numbers(phases: Sequence[Phase], stamp_ns: Stamps) -> Stamps:
+def phase_numbers(phases: Sequence[Phase], stamp_ns: Stamps) -> Stamps:
     """Return the number of the phase of each stamp (k,), -1 outside of all."""
     numbers = np.full(len(stamp_ns), -1, dtype=np.int64)
     for number, phase in enumerate(phases):
