@@ -16,7 +16,7 @@ from denoc_ros.simulation.recorded.agreement import (
     Shares,
     Traces,
 )
-from denoc_ros.simulation.recorded.plausibility import EffortSizes, Jump
+from denoc_ros.simulation.recorded.plausibility import EffortSizes, Jump, effort_sums
 from denoc_ros.types import Array, Flags
 
 Differences = Mapping[str, tuple[Value | None, Value | None]]
@@ -108,7 +108,6 @@ class Comparer:
         self._commanded = Comparison(count, period) if has_commanded else None
         self._deflection = {topic: Comparison(len(deflections), period) for topic in topics}
         self._shares, self._shares_computed = Shares(count), Shares(count)
-        # sums of 1, y, m, y^2, m^2, y m and g^2: effort, torque of the model, and of gravity
         self._sums = np.zeros((7, count))
         self.torque_traces = {name: Traces(joints, bins) for name in (MEASURED, *models)}
         self.deflection_traces = {name: Traces(deflections, bins) for name in ('replay', *topics)}
@@ -192,28 +191,11 @@ class Comparer:
         fitted = FITTED if self._offset is not None else ()
         kept = [part for name, part in torques.parts.items() if name not in fitted]
         expected = np.sum(kept, axis=0)
-        known = np.isfinite(effort)
-        y, m, g = (np.where(known, v, 0.0) for v in (effort, expected, torques.parts['gravity']))
-        for total, values in zip(
-            self._sums, (known, y, m, y * y, m * m, y * m, g * g), strict=True
-        ):
-            total += np.sum(values, axis=0)
+        self._sums += effort_sums(effort, expected, torques.parts['gravity'])
 
     def _sizes(self) -> EffortSizes:
-        count = np.maximum(self._sums[0], 1.0)
-        y, m, yy, mm, ym, gg = self._sums[1:] / count
-        shares, nothing = self._shares.result(), np.zeros(len(count))
-        with np.errstate(divide='ignore', invalid='ignore'):
-            scale = (ym - y * m) / (mm - m * m)
-            correlation = (ym - y * m) / np.sqrt((yy - y * y) * (mm - m * m))
-        return EffortSizes(
-            samples=self._sums[0],
-            measured=np.sqrt(yy),
-            expected=np.sqrt(mm),
-            residual=np.sqrt(np.maximum(yy - 2.0 * ym + mm, 0.0)),
-            scale=scale,
-            correlation=correlation,
-            fitted={} if self._offset is None else {term: shares[term] for term in FITTED},
-            gravity=nothing if self._offset is None else np.sqrt(gg),
-            offset=nothing if self._offset is None else np.abs(self._offset),
-        )
+        if self._offset is None:
+            return EffortSizes.of_sums(self._sums, None)
+        shares = self._shares.result()
+        fitted = {term: shares[term] for term in FITTED}
+        return EffortSizes.of_sums(self._sums, self._offset, fitted)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from denoc_ros.estimation.turns import TURN
+from denoc_ros.model.tree import JointKind, Tree
 from denoc_ros.types import Array, Flags, Stamps
 
 LONGEST_GAP_S = 0.5  # After a longer gap a motion begins anew,
@@ -73,6 +74,12 @@ def gaps_between(t: Array, period: float) -> Flags:
     """Return which intervals (k - 1,) between stamps are so long that a motion begins anew."""
     gaps: Flags = np.diff(t) > max(LONGEST_GAP_S, LONGEST_GAP_PERIODS * period)
     return gaps
+
+
+def angular_joints(tree: Tree, names: Sequence[str]) -> Flags:
+    """Return which of some joints of a robot have angles as positions."""
+    kinds = [tree.joints[name].kind for name in names]
+    return np.array([kind is not JointKind.PRISMATIC for kind in kinds], dtype=bool)
 
 
 def found_jumps(
@@ -158,6 +165,53 @@ class EffortSizes:
     fitted: dict[str, Array]
     gravity: Array
     offset: Array
+
+    @classmethod
+    def of_sums(
+        cls, sums: Array, offset: Array | None, fitted: Mapping[str, Array] | None = None
+    ) -> EffortSizes:
+        """Return the sizes by sums over the samples.
+
+        Parameters
+        ----------
+        sums : (7, joints) array
+            As :func:`effort_sums` gives them.
+        offset : (joints,) array or None
+            Fitted offset [N m, N]; None where nothing was fitted.
+        fitted : mapping of str to (joints,) array, optional
+            As the attribute.
+        """
+        count = np.maximum(sums[0], 1.0)
+        y, m, yy, mm, ym, gg = sums[1:] / count
+        nothing = np.zeros(len(count))
+        with np.errstate(divide='ignore', invalid='ignore'):
+            scale = (ym - y * m) / (mm - m * m)
+            correlation = (ym - y * m) / np.sqrt((yy - y * y) * (mm - m * m))
+        return cls(
+            samples=sums[0],
+            measured=np.sqrt(yy),
+            expected=np.sqrt(mm),
+            residual=np.sqrt(np.maximum(yy - 2.0 * ym + mm, 0.0)),
+            scale=scale,
+            correlation=correlation,
+            fitted=dict(fitted or {}),
+            gravity=nothing if offset is None else np.sqrt(gg),
+            offset=nothing if offset is None else np.abs(offset),
+        )
+
+
+def effort_sums(effort: Array, expected: Array, gravity: Array) -> Array:
+    """Return sums (7, joints) over rows of 1, y, m, y^2, m^2, y m and g^2.
+
+    Parameters
+    ----------
+    effort, expected, gravity : (k, joints) array
+        Measured effort y, the model's torque m without fitted terms, and that of gravity g [N m,
+        N]; rows without an effort do not count.
+    """
+    known = np.isfinite(effort)
+    y, m, g = (np.where(known, each, 0.0) for each in (effort, expected, gravity))
+    return np.array([np.sum(each, axis=0) for each in (known, y, m, y * y, m * m, y * m, g * g)])
 
 
 def effort_doubts(joints: Sequence[str], sizes: EffortSizes) -> list[str]:

@@ -16,8 +16,8 @@ from denoc_ros.dynamics.elastic.deflection import TipDeflections
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import BagError, ConfigError, StateError
 from denoc_ros.estimation.joint_motion import METHODS
-from denoc_ros.model.tree import JointKind
 from denoc_ros.settings import declared_findings, documented, positive, setting
+from denoc_ros.simulation.recorded.plausibility import angular_joints
 from denoc_ros.simulation.recorded.recorded_stream import Source
 from denoc_ros.types import Array
 
@@ -164,7 +164,7 @@ def plan_replay(
             {t: f for t, f in beside.items() if t},
             settings.stamp,
             tuple(phases) or (Phase(''),),
-            tuple(robot.tree.joints[name].kind is not JointKind.PRISMATIC for name in joints),
+            tuple(angular_joints(robot.tree, joints).tolist()),
         ),
         joints,
         tuple(name for name in found if name not in joints),
