@@ -307,7 +307,7 @@ def read_run(
             columns[topic].append(raw, log_ns)
         elif topic in kept and kind == kinds[topic]:
             kept[topic].append((log_ns, bytes(raw)))
-    series = {topic: column.series() for topic, column in columns.items() if len(column)}
+    series = {topic: column.merged() for topic, column in columns.items() if len(column)}
     if topics is None and not series:
         raise BagError(
             f'{path}: bag must have messages on a topic such as joint_states, '

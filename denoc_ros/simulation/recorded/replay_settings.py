@@ -24,7 +24,7 @@ from denoc_ros.types import Array
 PREFIX = '/replay/'
 COMMANDED = 'feedforward/effort'
 DEFLECTIONS = ('plant/true_deflection', 'predictor/tip_deflection')
-LOOKED_AT = 200  # messages that say which joints there are, and where they start
+LOOKED_AT = 2000  # messages that say which joints there are, and where they start
 
 
 @documented
