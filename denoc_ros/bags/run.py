@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +28,9 @@ from denoc_ros.types import Array
 
 UNFINISHED = '(unfinished)'  # behind the name of a phase that has no end
 PHASE_TOPIC = '/up/phase'
+PARAMETER_TOPIC = '/parameter_events'
+# fields of rcl_interfaces/ParameterValue by its type, of those that hold numbers
+NUMBER_FIELDS = {2: 'integer_value', 3: 'double_value', 8: 'double_array_value'}
 REFERENCE = 'reference'
 TRAJECTORY = 'trajectory_msgs/msg/JointTrajectory'
 DIAGNOSTICS = 'diagnostic_msgs/msg/DiagnosticArray'
@@ -48,6 +52,8 @@ class Phase:
     name: str
     begin_ns: int = 0
     end_ns: int = LATEST_NS
+    # numbers of the plant by dotted path, as far as the session noted them; None: it did not
+    plant: Mapping[str, Any] | None = None
 
 
 @dataclass(frozen=True)
@@ -167,8 +173,18 @@ class RecordedTopics:
         return Interval(phase.name or 'run', begin, end)
 
     def marks(self) -> tuple[tuple[float, str], ...]:
-        """Return times at which phases begin [s], and their names, as `read_marks` finds them."""
-        return tuple((self._seconds(ns), name) for ns, name in read_marks(self.path, self.topics))
+        """Return times at which phases begin [s], and their names; '' where one ends.
+
+        A phase with a reference begins with that, as `motions_of` says.
+        """
+        found = motions_of(self.path, phases_of(self.noted, read_marks(self.path)))
+        marks: list[tuple[float, str]] = []
+        for phase, following in zip_longest(found, found[1:]):
+            if phase.name:
+                marks.append((self._seconds(phase.begin_ns), phase.name))
+                if phase.end_ns < (LATEST_NS if following is None else following.begin_ns):
+                    marks.append((self._seconds(phase.end_ns), ''))
+        return tuple(marks)
 
 
 def phases_of(
@@ -185,9 +201,9 @@ def phases_of(
     """
     if noted:
         return tuple(
-            Phase(f'{each["name"]} {UNFINISHED}', each['begin_ns'])
+            Phase(f'{each["name"]} {UNFINISHED}', each['begin_ns'], plant=each.get('plant'))
             if each.get('end_ns') is None
-            else Phase(each['name'], each['begin_ns'], each['end_ns'])
+            else Phase(each['name'], each['begin_ns'], each['end_ns'], each.get('plant'))
             for each in noted
         )
     ends = [*marks[1:], (LATEST_NS, '')]
@@ -199,34 +215,52 @@ def phases_of(
     return found or (Phase(''),)
 
 
-def read_marks(path: Path, topics: Iterable[str] = ()) -> list[tuple[int, str]]:
-    """Return when phases begin [ns] by the marks in a bag, and their names; '' where one ends.
+def read_marks(path: Path) -> list[tuple[int, str]]:
+    """Return the marks of phases in a bag: log times [ns] and names, as `phases_of` takes them."""
+    return [
+        (log_ns, str(decode(message_types(), kind, raw)[0].data))
+        for _, kind, log_ns, raw in read_raw(path, {PHASE_TOPIC} & {*bag_topics(path)})
+    ]
 
-    A phase with a reference begins with that: before it the robot goes to its start. The bag is
-    read for it, one message at a time: a streamed reference is long.
 
-    Parameters
-    ----------
-    topics : iterable of str
-        All topics of the bag, where they are known.
+def parameter_changes(path: Path, node: str) -> list[tuple[int, dict[str, Any]]]:
+    """Return stamps [ns] and changed parameters of a node while a bag was recorded.
+
+    Only numbers and arrays of numbers count.
     """
-    marks: list[tuple[int, str]] = []
-    known = {*(topics or bag_topics(path))}
-    reference, waits = find_topic(known, REFERENCE), False
-    for topic, kind, log_ns, raw in read_raw(path, {PHASE_TOPIC, reference} & known):
-        if topic == PHASE_TOPIC:
-            name = str(decode(message_types(), kind, raw)[0].data)
-            if name and marks and marks[-1][1] == name:  # it begins anew
-                marks.pop()
-            elif marks:  # one that ended before its reference began
-                marks[-1] = min(marks[-1][0], log_ns), marks[-1][1]
-            marks.append((log_ns, name))
-            waits = bool(name)
-        elif waits and kind == TRAJECTORY:
-            stamp_ns = header_stamp_ns(decode(message_types(), kind, raw)[0])
-            marks[-1] = max(stamp_ns, log_ns), marks[-1][1]
-            waits = False
-    return marks
+    found = []
+    for _, kind, log_ns, raw in read_raw(path, {PARAMETER_TOPIC} & {*bag_topics(path)}):
+        event = decode(message_types(), kind, raw)[0]
+        if event.node.rpartition('/')[2] == node:
+            changed = {
+                each.name: getattr(each.value, NUMBER_FIELDS[each.value.type])
+                for each in event.changed_parameters
+                if each.value.type in NUMBER_FIELDS
+            }
+            found.append((header_stamp_ns(event) or log_ns, changed))
+    return found
+
+
+def motions_of(path: Path, phases: Sequence[Phase]) -> tuple[Phase, ...]:
+    """Return phases from the start of their reference on: before it the robot goes to its start.
+
+    A phase without a name or a reference stays. The bag is read for it, one message at a time: a
+    streamed reference is long.
+    """
+    reference = find_topic(bag_topics(path), REFERENCE)
+    if not reference:
+        return tuple(phases)
+    begins_ns = [0 if phase.name else phase.end_ns for phase in phases]
+    for _, kind, log_ns, raw in read_raw(path, {reference}):
+        for k, phase in enumerate(phases):
+            within = phase.begin_ns <= log_ns < phase.end_ns
+            if kind == TRAJECTORY and within and not begins_ns[k]:
+                stamp_ns = header_stamp_ns(decode(message_types(), kind, raw)[0])
+                begins_ns[k] = min(max(stamp_ns, log_ns), phase.end_ns)
+    return tuple(
+        replace(phase, begin_ns=begin_ns) if phase.name and begin_ns else phase
+        for phase, begin_ns in zip(phases, begins_ns, strict=True)
+    )
 
 
 def read_run(
@@ -273,7 +307,7 @@ def read_run(
             columns[topic].append(raw, log_ns)
         elif topic in kept and kind == kinds[topic]:
             kept[topic].append((log_ns, bytes(raw)))
-    series = {topic: column.series() for topic, column in columns.items() if len(column)}
+    series = {topic: column.merged() for topic, column in columns.items() if len(column)}
     if topics is None and not series:
         raise BagError(
             f'{path}: bag must have messages on a topic such as joint_states, '

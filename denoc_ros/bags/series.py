@@ -5,6 +5,7 @@ from __future__ import annotations
 import operator
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, ClassVar, TypeVar
 
@@ -21,6 +22,9 @@ _Part = TypeVar('_Part', bound='_Rows')
 
 ARRAY_TYPES = ('std_msgs/msg/Float64MultiArray', 'std_msgs/msg/Float64')
 ODOMETRY = 'nav_msgs/msg/Odometry'
+MOST_LAYOUTS = 4  # Publishers of a topic whose layouts are kept.
+LONGEST_PARTIAL_GAP_NS = 500_000_000  # Between messages of a joint that are farther apart,
+LONGEST_PARTIAL_PERIODS = 5  # and by more than so many usual periods, its position is not known.
 
 
 # numbers in messages, as dotted paths by message type
@@ -202,6 +206,7 @@ class JointStateColumns:
     def __init__(self, topic: str) -> None:
         self.topic = topic
         self._layout: JointStateLayout | None = None
+        self._layouts: list[JointStateLayout] = []  # those of the last publishers
         self._stamps: list[int] = []
         self._logs: list[int] = []
         self._parts: list[tuple[JointStateLayout, int, tuple[bytearray, ...]]] = []
@@ -214,7 +219,8 @@ class JointStateColumns:
         """Take in one message's CDR bytes; a zero stamp counts as its log time [ns]."""
         layout = self._layout
         if layout is None or not layout.fits(raw):
-            layout = self._layout = self._learn(raw)
+            known = (each for each in self._layouts if each.fits(raw))
+            layout = self._layout = next(known, None) or self._learn(raw)
             self._parts.append((layout, len(self._stamps), tuple(bytearray() for _ in FIELDS)))
         self._stamps.append(layout.stamp_ns(raw) or log_ns)
         self._logs.append(log_ns)
@@ -235,6 +241,18 @@ class JointStateColumns:
         stamps = logs if stamp == 'log' else stamps
         return JointSeries(elapsed(stamps), names, **fields, stamp_ns=stamps, log_ns=logs)
 
+    def named(self, names: Sequence[str]) -> Flags:
+        """Return which of some joints each message names, (k, joints)."""
+        found: Flags = np.zeros((len(self), len(names)), dtype=bool)
+        edges = [*(first for _, first, _ in self._parts), len(self)]
+        for (layout, _, _), (first, last) in zip(self._parts, pairwise(edges), strict=True):
+            found[first:last] = [name in layout.names for name in names]
+        return found
+
+    def merged(self, stamp: Stamp = 'header') -> JointSeries:
+        """Return all messages as `series`, those of several publishers joined by joint."""
+        return PartialStates().join(self, stamp, is_last=True)
+
     def _learn(self, raw: bytes) -> JointStateLayout:
         try:
             layout = JointStateLayout.of(CdrReader(raw))
@@ -248,7 +266,100 @@ class JointStateColumns:
                 f'{self.topic}: {field} must have as many values as name has '
                 f'({len(layout.names)}) or none, got {count}'
             )
+        self._layouts = [layout, *self._layouts[: MOST_LAYOUTS - 1]]
         return layout
+
+
+class PartialStates:
+    """Joins messages of which none names all joints, as those of an arm and of its gripper.
+
+    The messages with most joints stay, the joints of others are interpolated at their stamps, and
+    NaN where there are none for long. Messages beside others that name all joints stay as they
+    are. The last messages of a block wait for the next one.
+    """
+
+    def __init__(self) -> None:
+        self._waiting: JointSeries | None = None
+        self._named: Flags = np.zeros((0, 0), dtype=bool)
+        self._done = 0  # of the waiting rows: those that are in an earlier block
+
+    def join(self, columns: JointStateColumns, stamp: Stamp, is_last: bool) -> JointSeries:
+        """Return the rows that are complete with a block of messages."""
+        new = columns.series(stamp)
+        named = columns.named(new.names)
+        if self._waiting is None and (not len(named) or named.all(axis=1).any()):
+            return new
+        series, done, first = new, self._done, self._waiting
+        if first is not None:
+            series = first.followed_by(new)
+            above = np.zeros((len(first.t), len(series.names)), dtype=bool)
+            above[:, : self._named.shape[1]] = self._named
+            below = columns.named(series.names)
+            named = np.concatenate([above, below])
+        self._waiting, self._done = None, 0
+        if named[done:].all(axis=1).any():
+            return series[done:]
+        sizes = named.sum(axis=1)
+        patterns, counts = np.unique(named[sizes == sizes.max()], axis=0, return_counts=True)
+        main = patterns[np.argmax(counts)]
+        of_main: Flags = (named == main).all(axis=1)
+        others = [
+            _Others(series, named[:, joint], joint) for joint in np.flatnonzero(~main).tolist()
+        ]
+        ready = len(series.t)
+        if not is_last:
+            ready = min((other.ready for other in others), default=ready)
+            start = min([ready, *(other.before(ready) for other in others)])
+            self._waiting, self._named = series[start:], named[start:]
+            self._done = ready - start
+        rows = np.flatnonzero(of_main[:ready])
+        rows = rows[rows >= done]
+        fields = {field: getattr(series, field)[rows].copy() for field in FIELDS}
+        for other in others:
+            for field, values in fields.items():
+                values[:, other.joint] = other.at(series.stamp_ns[rows], field)
+        return replace(series[rows], **fields)
+
+
+class _Others:
+    """Messages of a joint that the others do not name."""
+
+    def __init__(self, series: JointSeries, named: Flags, joint: int) -> None:
+        self.joint, self._series = joint, series
+        self._rows = np.flatnonzero(named)
+        stamps = series.stamp_ns[self._rows]
+        periods = np.diff(np.unique(stamps))
+        usual = float(np.median(periods)) if len(periods) else 0.0
+        self._gap_ns = max(LONGEST_PARTIAL_GAP_NS, LONGEST_PARTIAL_PERIODS * usual)
+        silent = len(stamps) == 0 or series.stamp_ns[-1] - stamps[-1] > self._gap_ns
+        # the first row that has to wait for the next message of this joint
+        self.ready = len(series.t) if silent else int(self._rows[-1])
+
+    def before(self, row: int) -> int:
+        """Return the joint's last row before another one, the first of all if there is none."""
+        earlier = self._rows[self._rows < row]
+        return int(earlier[-1]) if len(earlier) else row
+
+    def at(self, stamp_ns: Stamps, field: str) -> Array:
+        """Return a field of the joint at stamps (m,) [ns], NaN far from its messages."""
+        stamps = self._series.stamp_ns[self._rows]
+        values = getattr(self._series, field)[self._rows, self.joint]
+        order = np.argsort(stamps, kind='stable')
+        order = order[np.isfinite(values[order])]
+        known, given = stamps[order], values[order]
+        if not len(known):
+            return np.full(len(stamp_ns), np.nan)
+        after = np.searchsorted(known, stamp_ns, side='right')
+        low, high = np.maximum(after - 1, 0), np.minimum(after, len(known) - 1)
+        origin = known[0]
+        found = np.interp(elapsed(stamp_ns, origin), elapsed(known, origin), given)
+        # across a turn there is nothing between
+        found = np.where(np.abs(given[high] - given[low]) > np.pi, given[low], found)
+        far = (
+            np.where(low == high, np.abs(stamp_ns - known[low]), known[high] - known[low])
+            > self._gap_ns
+        )
+        return np.where(far & (stamp_ns != known[low]), np.nan, found)
 
 
 def joint_state_blocks(
@@ -273,15 +384,19 @@ def joint_state_blocks(
     def empty() -> dict[str, JointStateColumns]:
         return {topic: JointStateColumns(f'{path}: {topic}') for topic in topics}
 
-    columns = empty()
+    columns, parts = empty(), {topic: PartialStates() for topic in topics}
+
+    def block(is_last: bool) -> dict[str, JointSeries]:
+        return {topic: parts[topic].join(columns[topic], stamp, is_last) for topic in topics}
+
     for topic, kind, log_ns, raw in read_raw(path, topics):
         if kind != JOINT_STATE:
             raise _wrong_type(path, topic, (JOINT_STATE,), kind)
         columns[topic].append(raw, log_ns)
         if topic == topics[0] and len(columns[topic]) == rows:
-            yield {each: column.series(stamp) for each, column in columns.items()}
+            yield block(is_last=False)
             columns = empty()
-    yield {each: column.series(stamp) for each, column in columns.items()}
+    yield block(is_last=True)
 
 
 def read_joint_states(

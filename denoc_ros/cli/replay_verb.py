@@ -9,6 +9,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+from denoc_ros.bags.run import motions_of
 from denoc_ros.cli.arguments import (
     TIMES,
     add_gravity,
@@ -17,6 +18,7 @@ from denoc_ros.cli.arguments import (
     add_output,
     add_overrides,
     add_pairs,
+    add_phase,
     add_settings,
     overridden,
     settings_of,
@@ -34,7 +36,13 @@ from denoc_ros.parts import optional
 from denoc_ros.simulation.recorded.replay_bag import replay_bag
 from denoc_ros.simulation.recorded.replay_settings import ReplaySettings
 from denoc_ros.simulation.recorded.replay_summary import error_rows, lines, summarize
-from denoc_ros.simulation.recorded.run_files import EARTH, find_bag, read_session, recording_name
+from denoc_ros.simulation.recorded.run_files import (
+    EARTH,
+    find_bag,
+    read_session,
+    recorded_phases,
+    recording_name,
+)
 
 TABLES, TABLE_FILES = 'identification.tables.joint_table', 'identification.tables.tables'
 TRACKING = 'identification.verbs.replay_options'
@@ -71,6 +79,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     )
     if tables := optional(TABLES):
         _add_table(parser, tables)
+    add_phase(parser)
     _add_ways(parser)
     if tracking := optional(TRACKING):
         tracking.add_options(parser)
@@ -110,9 +119,10 @@ def run(args: argparse.Namespace) -> VerbResult:
     require_new(None if args.no_output else output)
     robot = _robot(args, bag, read_session(args.bag))
     with _as_bag(args, bag, robot) as recorded, share_bar(quiet=args.json) as bar:
-        replay = replay_bag(
-            recorded, robot, None if args.no_output else output, settings, bar.update, adapt
-        )
+        run = recorded if recorded != bag else args.bag
+        phases = motions_of(recorded, recorded_phases(run, args.phase))
+        written = None if args.no_output else output
+        replay = replay_bag(recorded, robot, written, settings, bar.update, adapt, phases)
     summary = {
         'output': None if args.no_output else str(output),
         **summarize(replay),
@@ -155,4 +165,6 @@ def _default_output(run: Path, bag: Path) -> Path:
 def _robot(args: argparse.Namespace, bag: Path, session: dict[str, Any]) -> Robot:
     source = robot_source(bag, args.robot)
     robot = load_robot(source, gravity=args.gravity or session.get('gravity', EARTH))
+    if args.robot is None and session.get('model'):
+        robot = robot.with_overrides(session['model'])  # as the session's controller had it
     return overridden(robot, args)

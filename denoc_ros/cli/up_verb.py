@@ -351,6 +351,7 @@ def _session_values(
         'tip': config.tip,
         'environment': environment,
         'command': command,
+        **({'model': dict(config.model)} if config.model else {}),
         'time': {'mode': config.time, 'why': WHY[config.time], 'begun_ns': time.time_ns()},
         'versions': versions(),
     }

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from denoc_ros.types import Array
+from denoc_ros.bags.series import JointSeries
+from denoc_ros.model.tree import Tree
+from denoc_ros.types import Array, Flags
 
 TURN = 2.0 * math.pi  # rad
 JUMP_RATIO = 4.0  # A step is a jump if this many times farther from its neighbour without it.
@@ -49,3 +53,32 @@ def unwrap_path(times: Array, positions: Array, continuous: NDArray[np.bool_]) -
     unwrapped: Array = positions.copy()
     unwrapped[1:] -= np.cumsum(jumps, axis=0)
     return unwrapped
+
+
+def continuous_joints(tree: Tree, names: Sequence[str]) -> Flags:
+    """Return which of some names are continuous joints of a robot."""
+    joints = tree.joints
+    return np.array([name in joints and joints[name].continuous for name in names], dtype=bool)
+
+
+def without_turns(series: JointSeries, tree: Tree | None = None) -> JointSeries:
+    """Return joint states without jumps by a turn, as of :func:`unwrap_path`.
+
+    Parameters
+    ----------
+    series : JointSeries
+        With rising stamps; rows without a position of a joint stay so.
+    tree : Tree, optional
+        The robot: its continuous joints turn; default: every joint may.
+    """
+    turning = np.ones(len(series.names), dtype=bool)
+    if tree is not None:
+        turning = continuous_joints(tree, series.names)
+    if not turning.any():
+        return series
+    position = series.position.copy()
+    for joint in np.flatnonzero(turning):
+        known = np.flatnonzero(np.isfinite(position[:, joint]))
+        path = position[known, joint][:, None]
+        position[known, joint] = unwrap_path(series.t[known], path, turning[[joint]])[:, 0]
+    return replace(series, position=position)

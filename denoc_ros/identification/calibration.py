@@ -17,6 +17,7 @@ from denoc_ros.dynamics.structure import sensor_rows
 from denoc_ros.dynamics.validation import as_vector
 from denoc_ros.errors import ConfigError, IdentificationError, StateError
 from denoc_ros.estimation.joint_motion import smooth
+from denoc_ros.estimation.turns import without_turns
 from denoc_ros.model.tree import INERTIAL_UNITS
 from denoc_ros.types import Array
 
@@ -487,12 +488,10 @@ def read_motion(
         )
     chosen = inside[np.linspace(0, len(inside) - 1, min(MOST_READINGS, len(inside))).astype(int)]
     begin = joints.stamp_ns[0]
-    rising = np.flatnonzero(np.diff(joints.stamp_ns, prepend=begin - 1) > 0)
-    t = 1e-9 * (joints.stamp_ns[rising] - begin)
-    rates = joints.velocity[rising]
-    motion = smooth(
-        t, joints.position[rising], rates if np.isfinite(rates).all() else None, cutoff=CUTOFF
-    )
+    rising = without_turns(joints.rising(), robot.tree)
+    t = 1e-9 * (rising.stamp_ns - begin)
+    rates = rising.velocity
+    motion = smooth(t, rising.position, rates if np.isfinite(rates).all() else None, cutoff=CUTOFF)
     at = 1e-9 * (stamp_ns[chosen] - begin)
     q, qd, qdd = (
         np.column_stack([np.interp(at, t, column) for column in part.T])

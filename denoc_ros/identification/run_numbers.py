@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from denoc_ros.bags.digest import file_hash
-from denoc_ros.bags.run import LATEST_NS, Phase, phases_of, read_marks
+from denoc_ros.bags.run import LATEST_NS, Phase, motions_of, phases_of, read_marks
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.errors import DenocError, IdentificationError
 from denoc_ros.identification.decay.analysis import analyse_decay
@@ -34,7 +34,7 @@ from denoc_ros.identification.tables.tables import is_table
 from denoc_ros.model.numbers import values_of
 from denoc_ros.model.payloads import carrying_links
 from denoc_ros.output_files import Document, plain
-from denoc_ros.simulation.recorded.recorded_stream import motion_starts
+from denoc_ros.simulation.recorded.plausibility import gaps_between, jumps_between
 from denoc_ros.simulation.recorded.run_files import (
     EARTH,
     find_bag,
@@ -158,12 +158,12 @@ def identify(
         source = recorded_description(bag) if robot is None else robot
         robot = load_robot(source, gravity=session.get('gravity', EARTH))
     whole = read_source(bag, robot, settings)
-    noted = {each['name']: each for each in session.get('phases', ())}
     groups: dict[str, list[Phase]] = {}
-    known = (Phase(''),) if is_table(bag) and not phases else recorded_phases(path, phases)
+    has_none = is_table(bag) and not phases
+    known = (Phase(''),) if has_none else motions_of(bag, recorded_phases(path, phases))
     for phase in known:
-        plant = noted.get(phase.name, {}).get('plant', {})
-        groups.setdefault(json.dumps(plant, sort_keys=True), []).append(phase)
+        plant = json.dumps(dict(phase.plant or {}), sort_keys=True)
+        groups.setdefault(plant, []).append(phase)
     tip = session.get('tip', '')
     plants = tuple(
         _of_one_plant(robot, whole, group, free, tip, json.loads(plant))
@@ -190,8 +190,7 @@ def phase_numbers(files: Sequence[Path], robot: Robot, name: str, tip: str = '')
         The phase is not whole in one of the files, or tells nothing.
     """
     for file in files:
-        marks = read_marks(file)
-        for phase in phases_of((), marks):
+        for phase in motions_of(file, phases_of((), read_marks(file))):
             if phase.name == name and phase.end_ns < LATEST_NS:
                 return _of_one_plant(robot, read_source(file, robot), [phase], (), tip, {})
     raise IdentificationError(f'phase {name!r} must be whole in one file of the bag, got none')
@@ -247,9 +246,9 @@ def _stretches(whole: Recording, phase: Phase, left_out: list[str]) -> Iterator[
     except IdentificationError as error:
         left_out.append(f'{name}: {error}')
         return
-    rates = np.full(part.position.shape, np.nan) if part.velocity is None else part.velocity
-    period = float(np.median(np.diff(part.t)))
-    edges = [*np.flatnonzero(motion_starts(part.t, part.position, rates, period)), len(part.t)]
+    jumps = jumps_between(part.t, part.position, part.velocity).any(axis=1)
+    breaks = jumps | gaps_between(part.t, float(np.median(np.diff(part.t))))
+    edges = [0, *(np.flatnonzero(breaks) + 1).tolist(), len(part.t)]
     for k, (first, last) in enumerate(itertools.pairwise(edges)):
         begin, end = float(part.t[first]), float(part.t[last - 1])
         own = f'{name} ({k + 1})' if len(edges) > 2 else name

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,6 +13,7 @@ from denoc_ros.bags.run import Interval, RecordedTopics, point_columns, point_ti
 from denoc_ros.bags.series import Series
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import SolverError
+from denoc_ros.estimation.turns import continuous_joints, nearest_turns, without_turns
 from denoc_ros.parts import optional
 from denoc_ros.simulation.recorded.run_snapshots import notable_deflections
 from denoc_ros.trajectories import SplineTrajectory
@@ -92,15 +94,21 @@ class PhaseMeasures:
         return np.asarray(self.tip_error.values[rows, 0])
 
 
-def measure(recording: RecordedTopics, robot: Robot | None, tip: str) -> tuple[PhaseMeasures, ...]:
-    """Measure each phase of a recording.
+def measure(
+    recording: RecordedTopics, robot: Robot | None, tip: str, names: Sequence[str] = ()
+) -> tuple[PhaseMeasures, ...]:
+    """Measure each phase of a recording, or those of some names.
 
     Parameters
     ----------
     robot : Robot or None
         The robot, for the tip's error; None leaves that out.
     """
-    return tuple(_phase(recording, interval, robot, tip) for interval in recording.phases)
+    return tuple(
+        _phase(recording, interval, robot, tip)
+        for interval in recording.phases
+        if not names or interval.name in names
+    )
 
 
 def summarize(phases: tuple[PhaseMeasures, ...]) -> dict[str, Any]:
@@ -134,13 +142,16 @@ def _phase(
             end = min(end, last)
     elif not np.isfinite(start):
         start = 0.0
-    measured = _cut(recording.series('joint_states'), start, end)
+    joints = recording.joints('joint_states')
+    if joints is not None and robot is not None:
+        joints = without_turns(joints.ascending(), robot.tree)
+    measured = _cut(None if joints is None else joints.field('position'), start, end)
     return PhaseMeasures(
         name=interval.name,
         begin=interval.start if reference is None else start,
         end=end,
         joints=measured,
-        error=_tracking(measured, reference),
+        error=_tracking(measured, reference, robot),
         tip_error=_tip_error(recording, asked, robot, tip, start, end),
         stop=float('nan') if asked is None else asked.end - start,
         torque=_cut(recording.series('feedforward/effort', 'effort'), start, end),
@@ -196,7 +207,9 @@ def _reference(
     return _Reference(float(starts[0]), streamed[0][1], (starts - starts[0])[keep], rows)
 
 
-def _tracking(measured: Series | None, reference: _Reference | None) -> Series | None:
+def _tracking(
+    measured: Series | None, reference: _Reference | None, robot: Robot | None
+) -> Series | None:
     if measured is None or reference is None:
         return None
     names = tuple(name for name in measured.names if name in reference.names)
@@ -204,7 +217,10 @@ def _tracking(measured: Series | None, reference: _Reference | None) -> Series |
         return None
     columns = [reference.names.index(name) for name in names]
     wanted = reference.at(measured.t)[:, columns]
-    error = wanted - measured.select(names).values
+    values = measured.select(names).values
+    if robot is not None:
+        values = nearest_turns(values, wanted, continuous_joints(robot.tree, names))
+    error = wanted - values
     # A played bag is its own reference: there is nothing to track.
     return Series(measured.t, names, error) if np.abs(error).max() > ROUNDING else None
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -20,7 +21,9 @@ from denoc_ros.pages.html_page import (
     engineering,
 )
 from denoc_ros.simulation.recorded.adapted import NORMAL
-from denoc_ros.simulation.recorded.replay_bag import MEASURED, Replay
+from denoc_ros.simulation.recorded.compared import MEASURED
+from denoc_ros.simulation.recorded.replay_bag import Replay
+from denoc_ros.simulation.recorded.replay_summary import parts_of
 from denoc_ros.simulation.recorded.residual_friction import TERMS
 from denoc_ros.simulation.recorded.run_files import recording_name
 from denoc_ros.simulation.recorded.run_snapshots import SHOWN_COMPONENTS, notable_deflections
@@ -56,7 +59,8 @@ def page(
             _friction(summary, units),
             _deflection(replay, summary),
             _adapted(replay),
-            _doubts(summary),
+            _said('Doubtful', summary['doubts']),
+            _said('Notes', summary['notes']),
             _what(summary, robot),
         ],
         provenance=provenance,
@@ -67,39 +71,59 @@ def _verdict(summary: Summary) -> Verdict:
     if summary['doubts']:
         return Verdict(f'{"; ".join(summary["doubts"])}.', 'doubtful')
     found = [
-        f'the error of the {model} model is {share} % of the measured effort'
-        for model, share in _missed(summary).items()
+        f'the error of the {model} model is {share} % of the measured effort{_in(phase)}'
+        for phase, model, share in _missed(summary)
     ]
     if worst := _worst_deflections(summary):
-        percent, name, topic = max(worst)
-        found.append(f'deflection agrees with {topic} to {percent:.2g} % of its peak ({name})')
+        percent, name, topic, phase = max(worst)
+        found.append(
+            f'deflection agrees with {topic} to {percent:.2g} % of its peak ({name}){_in(phase)}'
+        )
     text = '; '.join(found) or f'{summary["samples"]} joint states replayed, none with an effort'
     return Verdict(f'{text[0].upper()}{text[1:]}.')
 
 
-def _missed(summary: Summary) -> dict[str, str]:
-    """Unexplained share of the measured effort by model, rms of all joints [%], in words."""
-    shares = {}
-    for model, joints in summary['torque'].items():
-        square = sum(one['rms'] ** 2 for one in joints.values())
-        whole = sum(one['measured_rms'] ** 2 for one in joints.values())
-        if whole:
-            share = 100.0 * (square / whole) ** 0.5
-            shares[model] = f'{float(f"{share:.3g}"):g}'
-    return shares
+def _in(phase: str) -> str:
+    return f' in {phase}' if phase else ''
 
 
-def _worst_deflections(summary: Summary) -> list[tuple[float, str, str]]:
-    """Return by topic the deflection that agrees least: percent of its peak, name, topic."""
-    found = []
-    for topic, agreements in summary['deflection'].items():
-        percents = [
-            (_share_of_peak(one), name, topic)
-            for name, one in agreements.items()
-            if one['measured_peak'] and name.rpartition('/')[2] in ('uy', 'uz')
-        ]
-        found += [max(percents)] if percents else []
-    return found
+def _missed(summary: Summary) -> list[tuple[str, str, str]]:
+    """Return phase, model and unexplained share of the effort, rms of all joints [%], in words.
+
+    Of several phases those count in which the plant was the model; the worst one is named.
+    """
+    found: dict[str, tuple[float, str]] = {}
+    for phase, part in _judged(summary).items():
+        for model, joints in part['torque'].items():
+            square = sum(one['rms'] ** 2 for one in joints.values())
+            whole = sum(one['measured_rms'] ** 2 for one in joints.values())
+            if whole:
+                share = 100.0 * (square / whole) ** 0.5
+                found[model] = max(found.get(model, (0.0, '')), (share, phase))
+    return [
+        (phase, model, f'{float(f"{share:.3g}"):g}') for model, (share, phase) in found.items()
+    ]
+
+
+def _judged(summary: Summary) -> dict[str, Summary]:
+    """Return the phases whose plant was the model; all where there is none."""
+    parts = parts_of(summary)
+    return {name: part for name, part in parts.items() if not part.get('plant')} or parts
+
+
+def _worst_deflections(summary: Summary) -> list[tuple[float, str, str, str]]:
+    """Return by topic what agrees least: percent of the peak, deflection, topic, and phase."""
+    found: dict[str, tuple[float, str, str, str]] = {}
+    for phase, part in _judged(summary).items():
+        for topic, agreements in part['deflection'].items():
+            percents = [
+                (_share_of_peak(one), name, topic, phase)
+                for name, one in agreements.items()
+                if one['measured_peak'] and name.rpartition('/')[2] in ('uy', 'uz')
+            ]
+            if percents:
+                found[topic] = max([*percents, *([found[topic]] if topic in found else [])])
+    return [*found.values()]
 
 
 def _share_of_peak(agreement: Mapping[str, float]) -> float:
@@ -109,10 +133,11 @@ def _share_of_peak(agreement: Mapping[str, float]) -> float:
 
 def _cards(summary: Summary) -> list[Card]:
     cards = [Card('Joint states', f'{summary["samples"]}', summary['joint_states'])]
-    for model, share in _missed(summary).items():
-        cards.append(Card(f'Off by, {model}', f'{share} %', 'of the effort, rms'))
-    for percent, name, topic in _worst_deflections(summary):
-        cards.append(Card('Deflection, worst', f'{percent:.2g} %', f'{name} over {topic}'))
+    for phase, model, share in _missed(summary):
+        cards.append(Card(f'Off by, {model}', f'{share} %', f'of the effort, rms{_in(phase)}'))
+    for percent, name, topic, phase in _worst_deflections(summary):
+        where = f'{name} over {topic}{_in(phase)}'
+        cards.append(Card('Deflection, worst', f'{percent:.2g} %', where))
     return cards
 
 
@@ -133,12 +158,12 @@ def _torque(replay: Replay, summary: Summary, units: Units) -> PageSection:
             for joint in replay.plan.joints
         ]
         figures.append(line_figure(panels))
-    head = ['joint', 'effort rms']
+    head = [*_phase_head(summary), 'joint', 'effort rms']
     head += [f'{m}: {what}' for m in summary['torque'] for what in ('rms', 'bias', 'lag')]
     rows = []
-    for joint in replay.plan.joints:
-        models = [model[joint] for model in summary['torque'].values() if joint in model]
-        row = [joint]
+    for (phase, part), joint in product(parts_of(summary).items(), replay.plan.joints):
+        models = [model[joint] for model in part['torque'].values() if joint in model]
+        row = [*([phase] if phase else []), joint]
         for k, one in enumerate(models):
             row += [engineering(one['measured_rms'], units.effort(joint))] if k == 0 else []
             row += [
@@ -161,8 +186,12 @@ def _torque(replay: Replay, summary: Summary, units: Units) -> PageSection:
 def _shares(summary: Summary) -> PageSection:
     shares = summary['shares']
     rows = [
-        [joint, *(_percent(share[joint]) for share in shares.values())]
-        for joint in summary['joints']
+        [
+            *([phase] if phase else []),
+            joint,
+            *(_percent(share[joint]) for share in part['shares'].values()),
+        ]
+        for (phase, part), joint in product(parts_of(summary).items(), summary['joints'])
     ]
     of = 'measured effort' if summary['torque'] else 'computed torque'
     return PageSection(
@@ -170,7 +199,13 @@ def _shares(summary: Summary) -> PageSection:
         f'Share of the {of}, mean square, that each term of the best model explains; a term that '
         'opposes it has a negative share. With the unexplained rest they add up to 100 %.',
         [],
-        [PageTable(['joint', *shares], rows, title=f'shares of the {of}, mean square')],
+        [
+            PageTable(
+                [*_phase_head(summary), 'joint', *shares],
+                rows,
+                title=f'shares of the {of}, mean square',
+            )
+        ],
     )
 
 
@@ -221,16 +256,25 @@ def _deflection(replay: Replay, summary: Summary) -> PageSection | None:
     ]
     rows = [
         [
+            *([phase] if phase else []),
             topic,
             name,
             *(engineering(one[key], deflection_unit(name)) for key in ('measured_peak', 'rms')),
             f'{_share_of_peak(one):.2g} %' if one['measured_peak'] else UNKNOWN,
         ]
-        for topic, agreements in summary['deflection'].items()
+        for phase, part in parts_of(summary).items()
+        for topic, agreements in part['deflection'].items()
         for name, one in agreements.items()
         if name in shown
     ]
-    head = ('topic', 'deflection', 'peak', 'replay off by, rms', 'of the peak')
+    head = (
+        *_phase_head(summary),
+        'topic',
+        'deflection',
+        'peak',
+        'replay off by, rms',
+        'of the peak',
+    )
     return PageSection(
         'Deflection of the flexible links',
         'Tip deflection in the beam frame along the recorded joint motion, beside that of the '
@@ -244,7 +288,7 @@ def _shown(replay: Replay) -> list[str]:
     """Return the deflections that matter, by their largest value among those of a kind."""
     traces = replay.deflection_traces['replay']
     names = [name for name in traces.names if name.rpartition('/')[2] in SHOWN_COMPONENTS]
-    peaks = {name: float(abs(traces.curve(name)[1]).max(initial=0.0)) for name in names}
+    peaks = {name: float(np.nanmax(np.abs(traces.curve(name)[1]), initial=0.0)) for name in names}
     return notable_deflections(peaks)
 
 
@@ -276,12 +320,14 @@ def _adapted(replay: Replay) -> PageSection | None:
     )
 
 
-def _doubts(summary: Summary) -> PageSection | None:
-    if not summary['doubts']:
+def _phase_head(summary: Summary) -> list[str]:
+    return ['phase'] if summary['phases'] else []
+
+
+def _said(title: str, texts: Sequence[str]) -> PageSection | None:
+    if not texts:
         return None
-    return PageSection(
-        'Doubtful', '', [], [PageTable(('what',), [[doubt] for doubt in summary['doubts']])]
-    )
+    return PageSection(title, '', [], [PageTable(('what',), [[text] for text in texts])])
 
 
 def _what(summary: Summary, robot: Robot) -> PageSection:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from denoc_ros.cli.arguments import add_json, add_option, add_output, unused
+from denoc_ros.cli.arguments import add_json, add_option, add_output, add_phase, unused
 from denoc_ros.cli.verb_result import VerbResult
 from denoc_ros.reports.run_page import report
 from denoc_ros.simulation.recorded.run_files import BAG_FOLDER, recording_name
@@ -26,13 +27,14 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add_output(
         parser, 'FILE', 'file of the page; default: report.html in the run, or BAG.html here'
     )
+    add_phase(parser)
     add_json(parser)
 
 
 def run(args: argparse.Namespace) -> VerbResult:
     """Write the page; errors are raised."""
     output = args.output or default_output(args.run)
-    summary = write_report(args.run, output, args.command)
+    summary = write_report(args.run, output, args.command, args.phase)
     return VerbResult(summary, [str(output)])
 
 
@@ -43,9 +45,11 @@ def default_output(run_path: Path) -> Path:
     return unused(Path(f'{recording_name(run_path)}.html'))
 
 
-def write_report(run_path: Path, output: Path, command: str = '') -> dict[str, Any]:
+def write_report(
+    run_path: Path, output: Path, command: str = '', phases: Sequence[str] = ()
+) -> dict[str, Any]:
     """Write a run's page, print its omissions on stderr, return its numbers."""
-    made = report(run_path, command=command)
+    made = report(run_path, command=command, phases=phases)
     for note in made.notes:
         say(f'denoc report: {note}', file=sys.stderr)
     made.write(output)

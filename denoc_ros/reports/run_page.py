@@ -35,6 +35,7 @@ from denoc_ros.simulation.recorded.run_files import (
     find_bag,
     plant_of,
     read_session,
+    recorded_phases,
     recording_name,
 )
 from denoc_ros.simulation.simulate import Run
@@ -99,7 +100,10 @@ class Report:
 
 
 def report(
-    run: str | os.PathLike[str] | Run, robot: Robot | None = None, command: str = ''
+    run: str | os.PathLike[str] | Run,
+    robot: Robot | None = None,
+    command: str = '',
+    phases: Sequence[str] = (),
 ) -> Report:
     """Return the page of a run and its numbers.
 
@@ -112,6 +116,8 @@ def report(
         The robot of a `Run`, which does not hold it; a bag brings its own.
     command : str
         The command line, for the page's foot.
+    phases : sequence of str
+        Names of those that are measured; default: all.
 
     Raises
     ------
@@ -125,12 +131,12 @@ def report(
         raise ConfigError('report', [f'robot must {wanted}, got run of {type(run).__name__}'])
     if robot is None:
         assert not isinstance(run, Run)
-        return _of_path(Path(run), command)
+        return _of_path(Path(run), command, phases)
     assert isinstance(run, Run)
     with TemporaryDirectory() as folder:
         bag = Path(folder) / 'run.mcap'
         write_run(run, robot, bag, robot.tree.source, session=_session_of(robot))
-        return _of_path(bag, command)
+        return _of_path(bag, command, phases)
 
 
 def _session_of(robot: Robot) -> dict[str, Any]:
@@ -143,7 +149,7 @@ def _session_of(robot: Robot) -> dict[str, Any]:
     }
 
 
-def _of_path(run_path: Path, command: str) -> Report:
+def _of_path(run_path: Path, command: str, names: Sequence[str]) -> Report:
     bag = find_bag(run_path)
     session = read_session(run_path)
     try:
@@ -154,7 +160,9 @@ def _of_path(run_path: Path, command: str) -> Report:
         return _unrecorded(session, str(error), command)
     robot, notes = _robot(recording, session)
     tip = session.get('tip') or (list(robot.tree.frames)[-1] if robot else '')
-    phases = measure(recording, robot, tip)
+    if names:
+        recorded_phases(run_path, names)  # refuses a name that no phase has
+    phases = measure(recording, robot, tip, names)
     statuses = recording.diagnostics()
     loops = loop_measures(statuses, recording.begin_ns)
     spans = [(each.name, recording.span_ns(each.begin, each.end)) for each in phases]

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from denoc_ros.cli.arguments import add_gravity, add_number, add_option
+from denoc_ros.cli.arguments import add_gravity, add_number, add_option, add_phase
 from denoc_ros.cli.progress import Progress
 from denoc_ros.cli.recorded_robot import robot_source
 from denoc_ros.cli.session.session_config import find_file, read_yaml, share_directory
@@ -76,6 +76,7 @@ def add_run_options(parser: argparse.ArgumentParser) -> None:
         '',
         choices=SOURCES,
     )
+    add_phase(group)
     add_option(group, '--from S', 'first time to show [s]', -math.inf, dest='start')
     add_option(group, '--to S', 'last time to show [s]', math.inf, dest='end')
 
@@ -99,7 +100,12 @@ def open_run(args: argparse.Namespace, path: Path, rate: float) -> OpenedRun:
     robot = load_robot(source, gravity=args.gravity or session.get('gravity', EARTH))
     if args.source in ('', 'plant'):
         robot = plant_of(robot, session)
-    run = RecordedRun(bag, robot, args.source, args.start, args.end, rate)
+    start, end = args.start, args.end
+    if args.phase:
+        whole = RecordedRun(bag, robot, args.source)
+        spans = [whole.phase_span(name) for name in args.phase]
+        start, end = max(start, min(spans)[0]), min(end, max(b for _, b in spans))
+    run = RecordedRun(bag, robot, args.source, start, end, rate)
     file = source if isinstance(source, Path) else Path(str(session.get('robot', '')))
     name = session.get('name') or recording_name(path)
     title = robot.tree.name if name == robot.tree.name else f'{robot.tree.name}: {name}'

@@ -119,3 +119,19 @@ def test_reports_need_no_command_line(tmp_path: Path) -> None:
         'assert not found, found'
     )
     subprocess.run([sys.executable, '-c', script], check=True, timeout=120, cwd=tmp_path)
+
+
+def test_a_report_of_some_phases_measures_these(tmp_path: Path) -> None:
+    begin_ns = 10**18
+    file = SessionFile(tmp_path, {'name': 'arm'})
+    for k, name in enumerate(('rigid', 'flexible')):
+        file.begin_phase(name, begin_ns + k * 10**9)
+        file.end_phase(begin_ns + (k + 1) * 10**9)
+    with BagWriter(tmp_path / 'bag') as bag:
+        bag.add_topic('/joint_states', 'sensor_msgs/msg/JointState')
+        for k in range(20):
+            bag.write_message('/joint_states', begin_ns + k * 10**8, name=['a'], position=[0.1])
+    assert list(dn.report(tmp_path).summary['phases']) == ['rigid', 'flexible']
+    assert list(dn.report(tmp_path, phases=['flexible']).summary['phases']) == ['flexible']
+    with pytest.raises(dn.BagError, match=r"--phase must be .*'rigid', 'flexible'.*got 'soft'"):
+        dn.report(tmp_path, phases=['soft'])

@@ -142,3 +142,22 @@ def test_without_viser_it_is_said_how_to_get_it(
     monkeypatch.delitem(sys.modules, 'denoc_ros.viewer.page', raising=False)
     assert main(['view', str(repository / 'config/robots/two_link_ff.urdf')]) == 1
     assert 'pip install "denoc_ros[viewer]"' in capsys.readouterr().err
+
+
+def test_a_phase_is_shown_alone(simulated_bag: SimulatedBag, tmp_path: Path) -> None:
+    path = tmp_path / 'phases.mcap'
+    with BagWriter(path) as bag:
+        bag.add_topic('/joint_states', 'sensor_msgs/msg/JointState')
+        bag.add_topic('/up/phase', 'std_msgs/msg/String')
+        names = list(simulated_bag.robot.joint_names)
+        marks = {20: 'one', 50: '', 60: 'two', 90: ''}
+        for k in range(100):
+            stamp = 10**18 + k * 10**8
+            bag.write_message('/joint_states', stamp, name=names, position=[0.0, 0.1 * k])
+            if k in marks:
+                bag.write_message('/up/phase', stamp, data=marks[k])
+    robot = tmp_path / 'two.urdf'
+    robot.write_text(simulated_bag.robot.tree.source)
+    arguments = ['view', str(path), '--robot', str(robot), '--phase', 'two']
+    run = open_run(build_parser(arguments).parse_args(arguments), path, 60.0).run
+    assert run.span == pytest.approx((6.0, 9.0), abs=1e-6)

@@ -8,6 +8,7 @@ import yaml
 
 from denoc_ros.cli.session.session_config import SIMULATED, Parameters, Phase, SessionConfig
 from denoc_ros.errors import ConfigError
+from denoc_ros.model.numbers import FAMILIES
 from denoc_ros.model.plant_description import PlantDescription, read_plant
 from denoc_ros.output_files import write_text
 from denoc_ros.parts import parameter_table
@@ -54,6 +55,12 @@ def session_plant(config: SessionConfig) -> PlantDescription:
     if plant.get('engine') == 'mujoco':
         return PlantDescription()
     return read_plant(plant, lambda finding: None)
+
+
+def plant_numbers(config: SessionConfig, phase: Phase) -> Parameters:
+    """Return the numbers of the plant's robot that a session gives in a phase, by dotted path."""
+    given = {**config.plant_model, **phase.nodes.get('plant', {})}
+    return {path: value for path, value in given.items() if path.split('.')[0] in FAMILIES}
 
 
 def session_partners(config: SessionConfig) -> list[str]:

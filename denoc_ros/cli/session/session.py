@@ -15,6 +15,7 @@ from denoc_ros.cli.session.node_parameters import (
     changed_parameters,
     node_parameters,
     node_table,
+    plant_numbers,
     write_parameters,
 )
 from denoc_ros.cli.session.phase_plans import Task, asked_at_pace, motion_of, with_plans
@@ -475,12 +476,13 @@ class Session:
 
     def _mark_begin(self, phase: Phase) -> None:
         self._client.begin_phase(phase.name)
+        plant = plant_numbers(self._config, phase) if 'plant' in self._names else None
         self._file.begin_phase(
             phase.name,
             self._now_ns,
-            model=self._config.model_in(phase),
-            plant=self._config.plant_in(phase) if 'plant' in self._names else {},
-            identified=dict(self._identified),
+            model=self._config.model_in(phase) or None,
+            plant=plant,
+            identified=dict(self._identified) or None,
         )
 
     @property

@@ -117,11 +117,6 @@ class SessionConfig:
         """Return the overrides of the model that the nodes work with in a phase."""
         return {**self.model, **phase.model}
 
-    def plant_in(self, phase: Phase) -> Parameters:
-        """Return the overrides of the model that are true of the plant in a phase."""
-        given = {**self.nodes.get('plant', {}), **phase.nodes.get('plant', {})}
-        return {**self.plant_model, **_split(given, FAMILIES)[0]}
-
     def has_state_feedback(self, phase: Phase) -> bool:
         """Say whether the feedforward has state feedback in a phase."""
         given = {**self.nodes.get('feedforward', {}), **phase.nodes.get('feedforward', {})}

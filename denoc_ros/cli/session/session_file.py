@@ -39,8 +39,9 @@ class SessionFile:
         """The phases that have begun.
 
         `name`, `begin_ns`, `end_ns` (None: unfinished) and, of a finished one, `wall`: the seconds
-        of wall time that it took. `model` and `plant`: overrides of the robot in the phase, where
-        there are some. `identified`: what an earlier phase told of the robot.
+        of wall time that it took. `model` and `plant`: the numbers of model and plant by dotted
+        path, as far as the session gives them. `identified`: what an earlier phase told of the
+        robot.
         """
         return list(self._values['phases'])
 
@@ -59,13 +60,13 @@ class SessionFile:
         Parameters
         ----------
         **values
-            What else is noted of the phase; empty values are left out.
+            What else is noted of the phase; None stands for nothing.
         """
         self._phase_began = time.perf_counter()
         phases = self._values['phases']
         if phases and phases[-1]['end_ns'] is None:
             phases.pop()
-        noted = {key: value for key, value in values.items() if value}
+        noted = {key: value for key, value in values.items() if value is not None}
         phases.append({'name': name, 'begin_ns': stamp_ns, 'end_ns': None, **noted})
         self._write()
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from scipy.special import fdtrc
 
 from denoc_ros.errors import ConfigError, IdentificationError
+from denoc_ros.estimation.turns import unwrap_path
 from denoc_ros.identification.decay.channel import Channel, Reading, read_record
 from denoc_ros.identification.decay.curves import NORMAL_95
 from denoc_ros.identification.decay.damped import independent_samples
@@ -348,9 +349,16 @@ def identify_joint(
     if inertia is not None and torque is not None:
         finding = '--gravity-torque must not come with --inertia, got both'
         ConfigError.raise_any('command line', [finding])
-    reading = read_record(path, channel)
+    reading = _unwrapped(read_record(path, channel))
     fit = fit_joint(reading.record, inertia, torque, not options.spring)
     return _result(reading, fit, options), reading.record, fit
+
+
+def _unwrapped(reading: Reading) -> Reading:
+    """Return a record of a joint without jumps by a turn: it may hang at half a turn."""
+    record = reading.record
+    angles = unwrap_path(record.t, record.y[:, None], np.ones(1, dtype=bool))[:, 0]
+    return replace(reading, record=replace(record, y=angles))
 
 
 def _result(reading: Reading, fit: JointFit, options: JointOptions) -> Document:

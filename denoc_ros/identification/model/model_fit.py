@@ -194,7 +194,7 @@ def identify_model(
         evaluations += found.evaluations
     seconds = time.perf_counter() - began
     led = {path: start[path] for path in _far_stiffness(replace(found, start=start))}
-    told = with_far_starts(_doubted(found), led)
+    told = with_far_starts(_doubted(_recorded_doubts(found, whole)), led)
     return replace(told, start=start, seconds=seconds, evaluations=evaluations)
 
 
@@ -239,6 +239,15 @@ def _doubted(found: IdentifiedModel) -> IdentifiedModel:
     return replace(found, verdict=words, reasons=(*found.reasons, *far))
 
 
+def _recorded_doubts(found: IdentifiedModel, whole: Sequence[Recording]) -> IdentifiedModel:
+    """Return the result, doubtful where a recording is."""
+    doubts = [f'{each.name}: {doubt}' for each in whole for doubt in each.doubts]
+    if not doubts:
+        return found
+    words = {p: 'doubtful' if v == 'found' else v for p, v in found.verdict.items()}
+    return replace(found, verdict=words, reasons=(*found.reasons, *doubts))
+
+
 def with_far_starts(found: IdentifiedModel, led: Mapping[str, float]) -> IdentifiedModel:
     """Return the result with a reason for each stiffness that began far off and is not found.
 
@@ -265,6 +274,17 @@ def _search(
 
 
 def _fitted(search: ModelSearch, held_out: float) -> IdentifiedModel:
+    try:
+        return _searched(search, held_out)
+    except np.linalg.LinAlgError as error:
+        names = ', '.join(sorted({name for name, _, _ in search.labels}))
+        raise IdentificationError(
+            f'{names}: recordings must determine the numbers that are free, '
+            f'got equations without a solution: {error}'
+        ) from error
+
+
+def _searched(search: ModelSearch, held_out: float) -> IdentifiedModel:
     began = time.perf_counter()
     parameters = search.parameters
     zero = np.zeros(parameters.size)
@@ -330,7 +350,7 @@ def _concluded(
     parameters = search.parameters
     info = search.information(theta)
     values, scales = parameters.values(theta), parameters.scales(theta)
-    reasons = _reasons(channels)
+    reasons = (*_reasons(channels), *search.effort_doubts(theta))
     half = info.half * scales
     sizes = parameters.sizes(theta)
     verdicts = [verdict_of(share) for share in half / sizes]

@@ -23,6 +23,7 @@ from denoc_ros.identification.model.robust import noise_of, without_spikes
 from denoc_ros.identification.model.sensed import MeasuredSignal, SensedChannels
 from denoc_ros.identification.model.sources import Recording
 from denoc_ros.model.joint_friction import Friction
+from denoc_ros.simulation.recorded.plausibility import EffortSizes, effort_sums, vanishes
 from denoc_ros.types import Array, Flags
 
 FINEST = 0.3  # of the sampling rate: the cutoff of smoothing, as high as it goes
@@ -185,9 +186,15 @@ class PreparedRun:
         ]
         self._joints = joints
         self._low_pass = low_pass(t, self._cutoff)
-        self._effort = self._passed(without_spikes(recording.effort[:, joints]))
-        self._unpowered = np.asarray((recording.effort[:, joints] == 0.0).all(axis=0), dtype=bool)
-        self._balance = self._balanced(robot) if self.has_unpowered_joints else np.ones(0)
+        self._gravity, self._balance = self._balanced(robot)
+        effort = recording.effort[:, joints].copy()
+        sizes = np.sqrt(np.mean(effort**2, axis=0))
+        self._unpowered = np.array(
+            [vanishes(*each) for each in zip(sizes, self._balance, strict=True)], dtype=bool
+        )
+        # What is left of an effort that vanishes is rounding: a fit to it finds anything.
+        effort[:, self._unpowered] = 0.0
+        self._effort = self._passed(without_spikes(effort))
         self.channels = [
             MeasuredSignal(
                 f'effort {recording.joints[k]}',
@@ -273,14 +280,39 @@ class PreparedRun:
         """Whether a joint's effort is zero throughout: its balance is seen, not its scale."""
         return bool(self._unpowered.any())
 
-    def _balanced(self, robot: Robot, count: int | None = None) -> Array:
-        """Rms torque of gravity and inertia in each joint with effort."""
+    def effort_sizes(
+        self, residuals: Sequence[Array], offsets: Mapping[str, float]
+    ) -> EffortSizes:
+        """Return the measured efforts beside the predicted ones.
+
+        Parameters
+        ----------
+        residuals : sequence of (k,) array
+            Of the channels, as `residuals` gives them.
+        offsets : mapping of str to float
+            Fitted offsets of efforts by joint [N m, N].
+        """
+        count = len(self._joints)
+        effort = np.column_stack([each.value for each in self.channels[:count]])
+        rest = np.column_stack(residuals[:count])
+        offset = np.array([offsets.get(self.recording.joints[k], 0.0) for k in self._joints])
+        effort[:, self._unpowered] = np.nan
+        gravity = np.broadcast_to(self._gravity, effort.shape)
+        return EffortSizes.of_sums(effort_sums(effort, effort - rest - offset, gravity), offset)
+
+    @property
+    def effort_joints(self) -> list[str]:
+        """The joints whose effort was measured."""
+        return [self.recording.joints[k] for k in self._joints]
+
+    def _balanced(self, robot: Robot, count: int | None = None) -> tuple[Array, Array]:
+        """Rms torque of gravity, and of gravity and inertia, in each joint with effort."""
         replay = TorqueReplay(robot, self.recording.joints, step=self._step)
         t, moved, starts = self._first(count or len(self.recording.t))
         torques = replay.torques(t, moved, starts)
         parts = [torques.parts[name][:, self._joints] for name in ('gravity', 'inertia')]
-        sizes = np.sqrt(sum(np.mean(part**2, axis=0) for part in parts))
-        return np.asarray(np.maximum(sizes, 1e-300))
+        gravity, inertia = (np.mean(part**2, axis=0) for part in parts)
+        return np.sqrt(gravity), np.maximum(np.sqrt(gravity + inertia), 1e-300)
 
     def _first(
         self, count: int, motion: SmoothedMotion | None = None
@@ -362,7 +394,7 @@ class PreparedRun:
             predicted = self._sensed.between(predicted, self.recording.t - delay)
         if self.has_unpowered_joints:
             # as many times as large, robot and residual alike would fit alike: held to one scale
-            scale = self._balance / self._balanced(robot, len(states[0]))
+            scale = self._balance / self._balanced(robot, len(states[0]))[1]
             predicted = predicted * np.where(self._unpowered, scale, 1.0)
         found = list((self._effort - predicted)[self._kept].T)
         return found + self._sensed.residuals(robot, states, settings)

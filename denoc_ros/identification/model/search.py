@@ -23,6 +23,7 @@ from denoc_ros.identification.model.robust import (
 )
 from denoc_ros.identification.model.simulated_runs import STEP, SimulatedRuns
 from denoc_ros.identification.model.whitening import JointNoise, Whitening, joint_noise
+from denoc_ros.simulation.recorded.plausibility import effort_doubts
 from denoc_ros.types import Array
 
 COARSE = 1e-3  # of the cost: a fit goes on while it falls by more, before weights are settled
@@ -137,6 +138,23 @@ class ModelSearch:
     def residuals(self, theta: Array) -> Array:
         """Return all residuals in the units of their channels; not finite: no such robot."""
         return self._simulated.residuals(theta)
+
+    def effort_doubts(self, theta: Array) -> list[str]:
+        """Return in words why measured efforts are not the torques of the joints."""
+        residuals, found = self.residuals(theta), []
+        if not np.isfinite(residuals).all():
+            return []
+        settings, first = self.parameters.settings(theta), 0
+        parts = np.split(residuals, np.cumsum(self.counts)[:-1])
+        for run in self._runs:
+            last = first + len(run.channels)
+            if run.effort_joints:
+                offsets = settings.of_run(run.name).offsets
+                sizes = run.effort_sizes(parts[first:last], offsets)
+                doubts = effort_doubts(run.effort_joints, sizes)
+                found += [f'{run.name}: {doubt}' for doubt in doubts]
+            first = last
+        return found
 
     def rms(self, theta: Array, rows: NDArray[np.bool_]) -> Array:
         """Return the rms of each channel's residuals over some rows, NaN where it has none.

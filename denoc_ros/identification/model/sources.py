@@ -23,6 +23,7 @@ from denoc_ros.bags.series import (
 )
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import BagError, IdentificationError
+from denoc_ros.estimation.turns import without_turns
 from denoc_ros.identification.tables.joint_table import (
     RecordedWindow,
     joints_of_table,
@@ -32,6 +33,12 @@ from denoc_ros.identification.tables.tables import Table, is_table, read_table
 from denoc_ros.model.sensors import message_place
 from denoc_ros.model.tree import INERTIAL_SENSORS, Tree
 from denoc_ros.settings import setting
+from denoc_ros.simulation.recorded.plausibility import (
+    angular_joints,
+    found_jumps,
+    jump_doubts,
+    jumps_between,
+)
 from denoc_ros.types import Array, Stamps
 
 FEWEST = 50  # joint states of a recording
@@ -65,6 +72,8 @@ class Recording:
         tracker, whose axes are those of the robot's base but for a small offset.
     name : str
         What messages call it.
+    doubts : tuple of str
+        What speaks against it, in words.
 
     Raises
     ------
@@ -82,6 +91,7 @@ class Recording:
     filters: Mapping[str, SensorFilter] = field(default_factory=dict)
     poses: Mapping[str, tuple[Array, Array]] = field(default_factory=dict)
     origin_ns: int = 0  # of the stamps, by the clock of the recording [ns]
+    doubts: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         k = len(self.t)
@@ -198,21 +208,39 @@ def read_source(
 
 
 def _recording(
-    path: Path, series: JointSeries, sensors: Readings, poses: Readings, origin_ns: int = 0
+    path: Path,
+    tree: Tree,
+    series: JointSeries,
+    sensors: Readings,
+    poses: Readings,
+    origin_ns: int = 0,
 ) -> Recording:
     """Return the rows whose stamps rise and that have all positions."""
-    whole = series.rising().complete()
+    whole = without_turns(series.rising().complete(), tree)
+    rates = whole.velocity if np.isfinite(whole.velocity).all() else None
     return Recording(
         whole.t,
         whole.names,
         whole.position,
         whole.effort,
-        whole.velocity if np.isfinite(whole.velocity).all() else None,
+        rates,
         sensors,
         path.name,
         poses=poses,
         origin_ns=origin_ns,
+        doubts=tuple(_jumps(tree, whole, rates)),
     )
+
+
+def _jumps(tree: Tree, whole: JointSeries, rates: Array | None) -> list[str]:
+    """Return in words where positions jump: the model is integrated across."""
+    if len(whole.t) < 2:
+        return []
+    trusted = rates if rates is not None and rates.any() else None
+    jumps = jumps_between(whole.t, whole.position, trusted)
+    angular = angular_joints(tree, whole.names)
+    found = found_jumps(whole.names, whole.t, whole.position, jumps, angular)
+    return jump_doubts([jump for _, jump in found], ('turn', 'sample', 'place'))
 
 
 def _of_bag(path: Path, robot: Robot, settings: RecordingSettings) -> Recording:
@@ -226,7 +254,7 @@ def _of_bag(path: Path, robot: Robot, settings: RecordingSettings) -> Recording:
         )
     origin = int(series.stamp_ns[0]) if len(series.t) else 0
     sensors, poses = _sensors(path, robot, origin), _poses(path, robot, origin, settings.poses)
-    return _recording(path, series.select(known), sensors, poses, origin)
+    return _recording(path, robot.tree, series.select(known), sensors, poses, origin)
 
 
 def _of_table(path: Path, robot: Robot, settings: RecordingSettings) -> Recording:
@@ -242,7 +270,7 @@ def _of_table(path: Path, robot: Robot, settings: RecordingSettings) -> Recordin
         raw = given[column][rows]
         whole = np.isfinite(raw)
         sensors[name] = (series.t[rows][whole], raw[whole])
-    return _recording(path, series[rows], sensors, {})
+    return _recording(path, robot.tree, series[rows], sensors, {})
 
 
 def _sensors(path: str | Path, robot: Robot, origin_ns: int) -> Readings:

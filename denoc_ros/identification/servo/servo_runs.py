@@ -16,6 +16,7 @@ from denoc_ros.bags.reader import BagMessage, Stamp, read_bag
 from denoc_ros.bags.run import TRAJECTORY, point_columns, point_times
 from denoc_ros.bags.series import JointSeries, read_joint_states
 from denoc_ros.errors import BagError, ConfigError, IdentificationError
+from denoc_ros.estimation.turns import nearest_turns, unwrap_path, without_turns
 from denoc_ros.identification.decay.channel import Channel
 from denoc_ros.identification.decay.modes import worst
 from denoc_ros.identification.servo.servo_fit import Run, ServoFit, fit_servo_runs
@@ -27,6 +28,7 @@ from denoc_ros.trajectories import SplineTrajectory
 from denoc_ros.types import Array
 
 FIELDS = ('position', 'command')  # of a joint, in a table
+ANY_JOINT = np.ones(1, dtype=bool)  # There is no robot here that says which joints are continuous.
 
 
 @dataclass(frozen=True)
@@ -121,9 +123,21 @@ def read_commands(path: Path, topic: str, stamp: Stamp = 'header') -> Commands:
     pieces.sort(key=lambda piece: piece[0])
     begin = pieces[0][0]
     names = dict.fromkeys(name for piece in pieces for name in piece[1])
+    _unwrap_points(pieces)
     return Commands(
         begin, tuple(names), [(1e-9 * (start - begin), who, what) for start, who, what in pieces]
     )
+
+
+def _unwrap_points(pieces: list[tuple[int, tuple[str, ...], SplineTrajectory | Array]]) -> None:
+    """Remove jumps by a turn from streamed points, name by name, in place."""
+    points = [(at, who, what) for at, who, what in pieces if isinstance(what, np.ndarray)]
+    for name in dict.fromkeys(name for _, who, _ in points for name in who):
+        own = {at: (what, who.index(name)) for at, who, what in points if name in who}
+        times = np.array([1e-9 * (at - points[0][0]) for at in own])
+        values = _unwrapped(times, np.array([what[place] for what, place in own.values()]))
+        for (what, place), value in zip(own.values(), values.tolist(), strict=True):
+            what[place] = value
 
 
 def _trajectory(item: BagMessage) -> list[tuple[int, tuple[str, ...], SplineTrajectory | Array]]:
@@ -160,7 +174,7 @@ def servo_runs(path: Path, options: ServoOptions) -> dict[str, Run]:
     found = {}
     for k, name in enumerate(names):
         whole = unbroken(told[:, k])
-        found[name] = (t[whole], told[whole, k], rows[whole, k])
+        found[name] = _in_one_turn(t[whole], told[whole, k], rows[whole, k])
     return found
 
 
@@ -195,6 +209,7 @@ def _of_table(path: Path, options: ServoOptions) -> dict[str, Run]:
         t, command, position = t[whole], command[whole], position[whole]
         later = np.concatenate(([True], np.diff(np.maximum.accumulate(t)) > 0.0))[: len(t)]
         t, command, position = t[later], command[later], position[later]
+        command, position = (_unwrapped(t, each) for each in (command, position))
         if len(t) < 2:
             raise BagError(f'{path}: {name} must have two rows with times, got {len(t)}')
         grid = np.arange(
@@ -202,8 +217,19 @@ def _of_table(path: Path, options: ServoOptions) -> dict[str, Run]:
             min(t[-1], t[0] + channel.end) + 1e-9,
             float(np.median(np.diff(t))),
         )
-        runs[name] = (grid, np.interp(grid, t, command), np.interp(grid, t, position))
+        runs[name] = _in_one_turn(grid, np.interp(grid, t, command), np.interp(grid, t, position))
     return runs
+
+
+def _unwrapped(t: Array, values: Array) -> Array:
+    """Return positions (k,) without jumps by a turn."""
+    return unwrap_path(t, values[:, None], ANY_JOINT)[:, 0]
+
+
+def _in_one_turn(t: Array, command: Array, position: Array) -> Run:
+    """Return a run whose positions are in the turn of its commands."""
+    turns = nearest_turns(position[:1], command[:1], ANY_JOINT) - position[:1]
+    return t, command, position + turns
 
 
 def joined(runs: Sequence[Run]) -> Run:
@@ -232,7 +258,7 @@ def _grid(
 ) -> tuple[Array, Array]:
     """Return times (k,) in equal steps by the commands' clock, and positions (k, joints) then."""
     channel = options.channel
-    whole = measured.since(commands.begin_ns).rising().complete()
+    whole = without_turns(measured.since(commands.begin_ns).rising().complete())
     t = whole.t
     first = float(t[0]) if len(t) else 0.0
     low, high = max(0.0, first + channel.begin), 0.0

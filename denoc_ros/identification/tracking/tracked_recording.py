@@ -14,6 +14,7 @@ from denoc_ros.identification.model.sources import Recording, RecordingSettings,
 from denoc_ros.identification.tracking.parameter_tracker import ParameterTracker
 from denoc_ros.identification.tracking.tracker_settings import TrackerSettings
 from denoc_ros.simulation.recorded.adapted import Adapted
+from denoc_ros.simulation.recorded.recorded_stream import phase_numbers
 from denoc_ros.simulation.recorded.replay_settings import ReplayPlan, ReplaySettings
 from denoc_ros.types import Array
 
@@ -70,12 +71,15 @@ def adapted_along(
     reading = RecordingSettings(source.topic, settings.rename, stamp=source.stamp)
     found = read_source(source.path, robot, reading)
     columns = [found.joints.index(joint) for joint in plan.joints]
-    effort = _commanded(plan, found) if plan.effort else found.effort[:, columns]
+    origin_ns = _first_stamp_ns(plan)
+    effort = _commanded(plan, found, origin_ns) if plan.effort else found.effort[:, columns]
+    stamp_ns = origin_ns + np.rint(1e9 * found.t).astype(np.int64)
+    inside = phase_numbers(source.phases, stamp_ns) >= 0
     t: list[float] = []
     rows: list[tuple[Array, Array]] = []
     blocks, readings = 0, _calibrated(robot, found)
     place, stamp, value = next(readings)
-    for k, now in enumerate(found.t.tolist()):
+    for k, now in zip(np.flatnonzero(inside).tolist(), found.t[inside].tolist(), strict=True):
         while stamp <= now:
             tracker.sense(place, stamp, value)
             place, stamp, value = next(readings)
@@ -118,12 +122,18 @@ def _calibrated(robot: Robot, found: Recording) -> Iterator[tuple[int, float, fl
         yield 0, np.inf, 0.0
 
 
-def _commanded(plan: ReplayPlan, found: Recording) -> Array:
-    """Return the effort (k, joints) of a topic of its own, the newest at each joint state."""
+def _first_stamp_ns(plan: ReplayPlan) -> int:
+    """Return the stamp from which times of the recording count [ns]."""
     source = plan.source
     first = next(joint_state_blocks(source.path, [source.topic], 1, source.stamp))[source.topic]
+    return int(first.stamp_ns[0])
+
+
+def _commanded(plan: ReplayPlan, found: Recording, origin_ns: int) -> Array:
+    """Return the effort (k, joints) of a topic of its own, the newest at each joint state."""
+    source = plan.source
     series = read_joint_states(source.path, plan.effort, None, source.stamp)
-    series = series.since(int(first.stamp_ns[0])).select(plan.joints)
+    series = series.since(origin_ns).select(plan.joints)
     newest = np.searchsorted(series.t, found.t, side='right') - 1
     there = newest >= 0
     effort = np.full((len(found.t), len(plan.joints)), np.nan)

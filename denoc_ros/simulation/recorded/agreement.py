@@ -75,6 +75,12 @@ class Comparison:
         for a, b in itertools.pairwise(edges):
             self._add_lags(t[a:b], measured[a:b], computed[a:b])
 
+    def include(self, other: Comparison) -> None:
+        """Take the rows of another comparison in, which has the same columns and period."""
+        for name in ('_samples', '_square', '_error', '_error_square', '_sums'):
+            getattr(self, name)[...] += getattr(other, name)
+        self._peak = np.maximum(self._peak, other._peak)
+
     def _add_lags(self, t: Array, measured: Array, computed: Array) -> None:
         """Add to the sums of (1, y, y^2, m, m^2, y m), m shifted by each lag."""
         reach = self._lags[-1]
@@ -142,6 +148,13 @@ class Shares:
             self._products.setdefault(name, np.zeros(len(self._square)))
             self._products[name] += np.sum(part * y, axis=0)
 
+    def include(self, other: Shares) -> None:
+        """Take the rows of other shares in, which have the same columns."""
+        self._square += other._square
+        for name, products in other._products.items():
+            self._products.setdefault(name, np.zeros(len(self._square)))
+            self._products[name] += products
+
     def result(self) -> dict[str, Array]:
         """Return each part's share (columns,), and the `unexplained` rest; NaN without rows."""
         square = np.where(self._square > 0.0, self._square, np.nan)
@@ -157,15 +170,22 @@ class Traces:
     ----------
     names : sequence of str
         Of the columns.
+    bins : int
+        Of a curve, at most, each with its smallest and largest value.
     """
 
-    def __init__(self, names: Sequence[str]) -> None:
+    def __init__(self, names: Sequence[str], bins: int = BINS) -> None:
         self.names = tuple(names)
+        self._bins = bins
         self._rows = 1  # per bin
         # of each bin: time, smallest and largest value, and how many rows it has
         self._t = np.zeros(0)
         self._low, self._high = np.zeros((2, 0, len(self.names)))
         self._count = np.zeros(0, dtype=np.int64)
+
+    def __bool__(self) -> bool:
+        """Whether there is a row."""
+        return len(self._t) > 0
 
     def add(self, t: Array, values: Array) -> None:
         """Take rows in: times (k,) [s] and values (k, names); NaN where there is none."""
@@ -174,7 +194,7 @@ class Traces:
         self._high = np.concatenate([self._high, values])
         self._count = np.concatenate([self._count, np.ones(len(t), dtype=np.int64)])
         total = int(self._count.sum())
-        while total > BINS * self._rows:
+        while total > self._bins * self._rows:
             self._rows *= 2
         self._merge()
 
@@ -196,3 +216,27 @@ class Traces:
         self._low = np.fmin.reduceat(self._low, first)
         self._high = np.fmax.reduceat(self._high, first)
         self._count = np.add.reduceat(self._count, first)
+
+
+class JoinedTraces:
+    """Curves of several times one after another, with a NaN between each two of them.
+
+    Parameters
+    ----------
+    parts : sequence of Traces
+        With the same names, at least one.
+    """
+
+    def __init__(self, parts: Sequence[Traces]) -> None:
+        self.names = parts[0].names
+        self._parts = [part for part in parts if part] or parts[:1]
+
+    def curve(self, name: str) -> tuple[Array, Array]:
+        """Return times and values of a curve."""
+        times, values = zip(*(part.curve(name) for part in self._parts), strict=True)
+        apart = np.cumsum([len(each) for each in times])[:-1]
+        behind = [each[0] for each in times[1:]]
+        return (
+            np.insert(np.concatenate(times), apart, behind),
+            np.insert(np.concatenate(values), apart, np.nan),
+        )

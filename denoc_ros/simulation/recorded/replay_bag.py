@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import heapq
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -11,6 +11,7 @@ import numpy as np
 
 from denoc_ros.bags.joint_state import JOINT_STATE, JointStateMessage
 from denoc_ros.bags.reader import DESCRIPTION_ATTACHMENT, read_raw
+from denoc_ros.bags.run import Phase, motions_of
 from denoc_ros.bags.series import ODOMETRY_NUMBERS, elapsed, read_numbers
 from denoc_ros.bags.writer import BagWriter
 from denoc_ros.dynamics.base.reacting_base import held_robot
@@ -21,8 +22,10 @@ from denoc_ros.estimation.base_track import BaseRecord
 from denoc_ros.estimation.torque_along import TorqueReplay, Torques
 from denoc_ros.output_files import require_new, whole_file
 from denoc_ros.simulation.recorded.adapted import AdaptAlong, Adapted
-from denoc_ros.simulation.recorded.agreement import Agreement, Comparison, Shares, Traces
-from denoc_ros.simulation.recorded.recorded_stream import LONGEST_GAP, Block, JointStream
+from denoc_ros.simulation.recorded.agreement import BINS, JoinedTraces, Traces
+from denoc_ros.simulation.recorded.compared import Compared, Comparer
+from denoc_ros.simulation.recorded.plausibility import LONGEST_GAP_S
+from denoc_ros.simulation.recorded.recorded_stream import Block, JointStream
 from denoc_ros.simulation.recorded.replay_settings import (
     PREFIX,
     ReplayPlan,
@@ -30,17 +33,18 @@ from denoc_ros.simulation.recorded.replay_settings import (
     plan_replay,
 )
 from denoc_ros.simulation.recorded.residual_friction import FrictionFit, FrictionFitter
+from denoc_ros.simulation.recorded.run_files import plant_differences, recorded_phases
 from denoc_ros.types import Array
 
 Progress = Callable[[float], object]
 Message = tuple[int, str, bytes]  # log time, topic, CDR
 
-MEASURED = 'measured'
+FEWEST_BINS = 500  # of the curves of a phase
 
 
-@dataclass(frozen=True)
-class Replay:
-    """Result of a replay.
+@dataclass(frozen=True, kw_only=True)
+class Replay(Compared):
+    """Result of a replay: numbers of all phases together, and of each.
 
     Attributes
     ----------
@@ -50,30 +54,20 @@ class Replay:
         Joints of the robot that stand at 0: neither driven, nor mimics, nor given by loops.
     settings : ReplaySettings
         How it was made.
-    duration : float
-        From the first to the last joint state [s].
-    samples, incomplete, repeated, motions : int
-        Joint states replayed; left out because a joint is missing; left out because they are not
-        later than one before; stretches of motion without a gap or jump.
     period, cutoff : float
         Usual time between joint states [s], and the cutoff as used [Hz].
-    torque : dict of str to Agreement
-        The measured effort over that of each model, by joint; empty where none was measured.
-    commanded : Agreement or None
-        The feedforward's effort over the best model's.
-    shares : dict of str to (joints,) array
-        What each term explains of the measured effort (of the computed one where none was
-        measured).
     friction : FrictionFit or None
-        Where it was asked for.
+        Where it was asked for; of all phases together.
     deflection_names : tuple of str
         `link/ux` ... `link/rz`.
-    deflection : dict of str to Agreement
-        By topic that has deflections: over the predicted ones.
-    torque_traces : dict of str to Traces
+    torque_traces : dict of str to JoinedTraces
         measured and each model: by joint.
-    deflection_traces : dict of str to Traces
+    deflection_traces : dict of str to JoinedTraces
         replay and each topic that has deflections.
+    set_back : int
+        How often the clock of the stamps was set back.
+    phases : tuple of Compared
+        Those that have joint states; none where the recording names no phases.
     adapted : Adapted or None
         Numbers of the robot over time, where they were asked for.
     """
@@ -81,21 +75,14 @@ class Replay:
     plan: ReplayPlan
     held: tuple[str, ...]
     settings: ReplaySettings
-    duration: float
-    samples: int
-    incomplete: int
-    repeated: int
-    motions: int
     period: float
     cutoff: float
-    torque: dict[str, Agreement]
-    commanded: Agreement | None
-    shares: dict[str, Array]
     friction: FrictionFit | None
     deflection_names: tuple[str, ...]
-    deflection: dict[str, Agreement]
-    torque_traces: dict[str, Traces]
-    deflection_traces: dict[str, Traces]
+    torque_traces: dict[str, JoinedTraces]
+    deflection_traces: dict[str, JoinedTraces]
+    set_back: int
+    phases: tuple[Compared, ...]
     adapted: Adapted | None = None
 
 
@@ -106,8 +93,11 @@ def replay_bag(
     settings: ReplaySettings | None = None,
     progress: Progress | None = None,
     adapt: AdaptAlong | None = None,
+    phases: Sequence[Phase] | None = None,
 ) -> Replay:
     """Recompute torque and deflection along the motion that a bag has.
+
+    The motion begins anew with each phase, and what lies between phases is left out.
 
     Parameters
     ----------
@@ -127,6 +117,9 @@ def replay_bag(
     adapt : AdaptAlong, optional
         Numbers of the robot that are tracked along the motion, as the predictor does it; torques
         and deflections are those of the robot as it is given.
+    phases : sequence of Phase, optional
+        The phases of the recording; default: those that the bag marks, each from its reference
+        on.
 
     Raises
     ------
@@ -142,7 +135,9 @@ def replay_bag(
         base that floats in a way the bag does not tell.
     """
     settings = settings or ReplaySettings()
-    work = _Work(Path(bag), robot, settings, progress)
+    if phases is None:
+        phases = motions_of(Path(bag), recorded_phases(Path(bag)))
+    work = _Work(Path(bag), robot, settings, progress, phases)
     adapted = work.adapted(adapt) if adapt is not None and adapt.paths else None
     if output is None:
         for _ in work.messages():
@@ -206,15 +201,25 @@ def _encoded(
             yield log_ns, topic, encoder.encode(stamp_ns, *(part[k] for part in values[topic]))
 
 
+def _joined(parts: Sequence[Mapping[str, Traces]]) -> dict[str, JoinedTraces]:
+    return {name: JoinedTraces([part[name] for part in parts]) for name in parts[0]}
+
+
 class _Work:
     """One replay under way."""
 
     def __init__(
-        self, bag: Path, robot: Robot, settings: ReplaySettings, progress: Progress | None
+        self,
+        bag: Path,
+        robot: Robot,
+        settings: ReplaySettings,
+        progress: Progress | None,
+        phases: Sequence[Phase],
     ) -> None:
         floats = len(robot.base_indices) > 0
+        self._plants = [plant_differences(robot, phase.plant or {}) for phase in phases]
         robot = measured_robot(held_robot(robot))
-        self.plan = plan_replay(bag, robot, settings, floats)
+        self.plan = plan_replay(bag, robot, settings, floats, phases)
         self._base: BaseRecord | None = None
         self._base_span = -np.inf, np.inf
         self._settings = settings
@@ -222,26 +227,14 @@ class _Work:
         self._passes = 2 if settings.fit_friction else 1
         turns = [robot.tree.joints[joint].continuous for joint in self.plan.joints]
         self._stream = JointStream(self.plan.source, settings.derivative, settings.cutoff, turns)
-        self._origin_ns = -1
         self._read_base(bag, floats)
         self._robot = robot
-        self._samples = self._motions = 0
-        self._duration = 0.0
         self._fit = self._fitted() if settings.fit_friction else None
         friction = None if self._fit is None else self._fit.friction
         posture, base = self.plan.posture, self._base
         self._model = TorqueReplay(robot, self.plan.joints, posture, friction, base=base)
         self._names = self._model.deflections.names
-        joints = self.plan.joints
-        measured = (MEASURED, *self._model.models)
-        self._torque: dict[str, Comparison] = {}
-        self._commanded: Comparison | None = None
-        self._deflection: dict[str, Comparison] = {}
-        self._shares, self._shares_computed = Shares(len(joints)), Shares(len(joints))
-        self._torque_traces = {name: Traces(joints) for name in measured}
-        self._deflection_traces = {
-            name: Traces(self._names) for name in ('replay', *self.plan.deflections)
-        }
+        self._compared: list[Comparer] = []  # by phase
 
     @property
     def description(self) -> str:
@@ -255,16 +248,15 @@ class _Work:
         settings, where = self._settings, f'{bag}: {self.plan.base}'
         stamp_ns, moved = read_numbers(bag, self.plan.base, ODOMETRY_NUMBERS, settings.stamp)
         rising = np.flatnonzero(np.diff(stamp_ns, prepend=-1) > 0)
-        self._origin_ns = int(next(iter(self._stream)).stamp_ns[0])
-        t = elapsed(stamp_ns[rising], self._origin_ns)
+        t = elapsed(stamp_ns[rising], int(next(iter(self._stream)).stamp_ns[0]))
         poses, twists = moved[rising, :7], moved[rising, 7:]
         longest = float(np.diff(t).max(initial=0.0))
-        if longest > LONGEST_GAP:
+        if longest > LONGEST_GAP_S:
             raise BagError(
-                f'{where} must say how the base moves at least every {LONGEST_GAP:g} s, got a '
+                f'{where} must say how the base moves at least every {LONGEST_GAP_S:g} s, got a '
                 f'gap of {longest:.3g} s'
             )
-        self._base_span = float(t[0]) - LONGEST_GAP, float(t[-1]) + LONGEST_GAP
+        self._base_span = float(t[0]) - LONGEST_GAP_S, float(t[-1]) + LONGEST_GAP_S
         try:
             self._base = BaseRecord(t, poses, twists, settings.derivative, settings.cutoff)
         except StateError as error:
@@ -281,41 +273,49 @@ class _Work:
 
     def messages(self) -> Iterator[Message]:
         """Go through the bag; yield the computed rows of each joint state, by log time."""
-        self._samples = self._motions = 0
+        self._compared = []
         encoders = self._encoders()
         for block in self._stream:
-            t = self._times(block)
-            torques = _torques(self._model, t, block)
-            self._judge(t, block, torques)
-            self._samples += len(t)
-            self._motions += int(np.count_nonzero(block.starts))
-            self._duration = float(t[-1])
+            # the first block shows the period
+            self._compared = self._compared or [self._comparer() for _ in self.plan.source.phases]
+            self._require_base(block.t)
+            torques = _torques(self._model, block.t, block)
+            self._compare(block, torques)
             yield from _encoded(block, torques, encoders)
             self._advance(block)
 
     def result(self) -> Replay:
         """Return the result."""
-        measured = {name: one.result() for name, one in self._torque.items()}
-        known = any(one.samples.any() for one in measured.values())
+        stream, phases = self._stream, self.plan.source.phases
+        parts = zip(stream.incomplete, stream.repeated, stream.jumps, strict=True)
+        found = [
+            replace(one.result(phase.name, *left_out), plant=plant)
+            for phase, one, left_out, plant in zip(
+                phases, self._compared, parts, self._plants, strict=True
+            )
+        ]
+        whole = self._comparer()
+        for one in self._compared:
+            whole.include(one)
+        together = whole.result(
+            '',
+            sum(stream.incomplete),
+            sum(stream.repeated),
+            [jump for jumps in stream.jumps for jump in jumps],
+        )
         return Replay(
+            **vars(together),
             plan=self.plan,
             held=self._model.held,
             settings=self._settings,
-            duration=self._duration,
-            samples=self._samples,
-            incomplete=self._stream.incomplete,
-            repeated=self._stream.repeated,
-            motions=self._motions,
-            period=self._stream.period,
-            cutoff=self._stream.cutoff,
-            torque=measured if known else {},
-            commanded=None if self._commanded is None else self._commanded.result(),
-            shares=(self._shares if known else self._shares_computed).result(),
+            period=stream.period,
+            cutoff=stream.cutoff,
             friction=self._fit,
             deflection_names=self._names,
-            deflection={topic: one.result() for topic, one in self._deflection.items()},
-            torque_traces=self._torque_traces,
-            deflection_traces=self._deflection_traces,
+            torque_traces=_joined([one.torque_traces for one in self._compared]),
+            deflection_traces=_joined([one.deflection_traces for one in self._compared]),
+            set_back=stream.set_back,
+            phases=tuple(one for one in found if one.name and one.samples),
         )
 
     def adapted(self, adapt: AdaptAlong) -> Adapted:
@@ -329,11 +329,11 @@ class _Work:
         fitter = FrictionFitter(len(self.plan.joints))
         samples = 0
         for block in self._stream:
-            t = self._times(block)
-            torques = _torques(model, t, block)
+            self._require_base(block.t)
+            torques = _torques(model, block.t, block)
             effort = self._effort(block)
             samples += int(np.count_nonzero(np.isfinite(effort)))
-            fitter.add(t, block.motion.qd, effort - model.without_friction(torques))
+            fitter.add(block.t, block.motion.qd, effort - model.without_friction(torques))
             self._advance(block)
         if not samples:
             raise BagError(
@@ -342,17 +342,14 @@ class _Work:
             )
         return fitter.fit()
 
-    def _times(self, block: Block) -> Array:
-        if self._origin_ns < 0:
-            self._origin_ns = int(block.stamp_ns[0])
-        t = elapsed(block.stamp_ns, self._origin_ns)
+    def _require_base(self, t: Array) -> None:
+        """Raise BagError unless the base's motion is known at the times [s] of a block."""
         first, last = self._base_span
         if t[0] < first or t[-1] > last:
             raise BagError(
                 f'{self.plan.source.path}: {self.plan.base} must say how the base moves while '
                 f'joints do, {t[0]:.3f} to {t[-1]:.3f} s, got {first:.3f} to {last:.3f} s'
             )
-        return t
 
     def _advance(self, block: Block) -> None:
         if self._progress is not None:
@@ -363,30 +360,31 @@ class _Work:
             return block.beside[self.plan.effort].select(self.plan.joints).values
         return block.effort
 
-    def _judge(self, t: Array, block: Block, torques: Torques) -> None:
-        effort = self._effort(block)
-        self._torque_traces[MEASURED].add(t, effort)
-        for name, computed in torques.models.items():
-            self._torque_traces[name].add(t, computed)
-            comparison = self._torque.setdefault(name, self._comparison(effort.shape[1]))
-            comparison.add(t, effort, computed, block.starts)
-        self._shares.add(effort, torques.parts)
-        self._shares_computed.add(torques.best, torques.parts)
+    def _compare(self, block: Block, torques: Torques) -> None:
+        commanded = None
         if self.plan.commanded:
             commanded = block.beside[self.plan.commanded].select(self.plan.joints).values
-            self._commanded = self._commanded or self._comparison(commanded.shape[1])
-            self._commanded.add(t, commanded, torques.best, block.starts)
-        if torques.deflection is None:
-            return
-        self._deflection_traces['replay'].add(t, torques.deflection[0])
-        for topic in self.plan.deflections:
-            other = block.beside[topic].select(self._names).values
-            self._deflection_traces[topic].add(t, other)
-            comparison = self._deflection.setdefault(topic, self._comparison(other.shape[1]))
-            comparison.add(t, other, torques.deflection[0], block.starts)
+        deflections = {
+            topic: block.beside[topic].select(self._names).values
+            for topic in self.plan.deflections
+        }
+        effort = self._effort(block)
+        self._compared[block.phase].add(
+            block.t, block.starts, torques, effort, commanded, deflections
+        )
 
-    def _comparison(self, columns: int) -> Comparison:
-        return Comparison(columns, self._stream.period)
+    def _comparer(self) -> Comparer:
+        plan = self.plan
+        return Comparer(
+            plan.joints,
+            self._model.models,
+            self._names,
+            plan.deflections if self._names else (),
+            bool(plan.commanded),
+            self._stream.period,
+            None if self._fit is None else np.asarray(self._fit.friction.offset),
+            max(FEWEST_BINS, BINS // len(plan.source.phases)),
+        )
 
     def _encoders(self) -> dict[str, JointStateMessage]:
         motion, full = ('position', 'velocity'), ('position', 'velocity', 'effort')

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -10,19 +10,21 @@ import numpy as np
 
 from denoc_ros.bags.joint_state import JOINT_STATE
 from denoc_ros.bags.reader import STAMP, BagContents, Stamp, bag_contents, require_stamp
+from denoc_ros.bags.run import Phase
 from denoc_ros.bags.series import ODOMETRY, JointSeries, find_topic, joint_state_blocks, renamed
 from denoc_ros.dynamics.elastic.deflection import TipDeflections
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import BagError, ConfigError, StateError
 from denoc_ros.estimation.joint_motion import METHODS
 from denoc_ros.settings import declared_findings, documented, positive, setting
+from denoc_ros.simulation.recorded.plausibility import angular_joints
 from denoc_ros.simulation.recorded.recorded_stream import Source
 from denoc_ros.types import Array
 
 PREFIX = '/replay/'
 COMMANDED = 'feedforward/effort'
 DEFLECTIONS = ('plant/true_deflection', 'predictor/tip_deflection')
-LOOKED_AT = 200  # messages that say which joints there are, and where they start
+LOOKED_AT = 2000  # messages that say which joints there are, and where they start
 
 
 @documented
@@ -100,9 +102,15 @@ class ReplayPlan:
 
 
 def plan_replay(
-    path: Path, robot: Robot, settings: ReplaySettings, floats: bool = False
+    path: Path,
+    robot: Robot,
+    settings: ReplaySettings,
+    floats: bool = False,
+    phases: Sequence[Phase] = (),
 ) -> ReplayPlan:
     """Select the topics of a bag for the replay of a robot; a base that `floats` is held here.
+
+    Only the joint states of the phases are read; without phases all of them.
 
     Raises
     ------
@@ -149,7 +157,15 @@ def plan_replay(
     names = tuple(found[name] for name in joints)
     return ReplayPlan(
         contents,
-        Source(path, topic, names, {t: f for t, f in beside.items() if t}, settings.stamp),
+        Source(
+            path,
+            topic,
+            names,
+            {t: f for t, f in beside.items() if t},
+            settings.stamp,
+            tuple(phases) or (Phase(''),),
+            tuple(angular_joints(robot.tree, joints).tolist()),
+        ),
         joints,
         tuple(name for name in found if name not in joints),
         _posture(robot, found, beginning),

@@ -11,9 +11,12 @@ from numpy.typing import NDArray
 from denoc_ros.output_files import plain
 from denoc_ros.simulation.recorded.adapted import NORMAL, Adapted
 from denoc_ros.simulation.recorded.agreement import Agreement
+from denoc_ros.simulation.recorded.compared import Compared
+from denoc_ros.simulation.recorded.plausibility import effort_doubts, jump_doubts
 from denoc_ros.simulation.recorded.replay_bag import Replay
 from denoc_ros.simulation.recorded.residual_friction import TERMS, FrictionFit
 
+UNKNOWN = '–'
 SAMPLES = 2000  # of a number over time, at most
 FEW = 0.01  # of all joint states may be left out, of a torque count for nothing
 FAR = 2.0  # standard errors below zero are no chance
@@ -21,7 +24,7 @@ FAR = 2.0  # standard errors below zero are no chance
 
 def summarize(replay: Replay) -> dict[str, Any]:
     """Return input and result of a replay: SI units, by joint and by deflection."""
-    joints, names = replay.plan.joints, replay.deflection_names
+    joints = replay.plan.joints
     return {
         'bag': str(replay.plan.source.path),
         'joint_states': replay.plan.source.topic,
@@ -29,37 +32,93 @@ def summarize(replay: Replay) -> dict[str, Any]:
         'derivative': replay.settings.derivative,
         'cutoff_hz': replay.cutoff,
         'period_s': replay.period,
-        'duration_s': replay.duration,
-        'samples': replay.samples,
-        'incomplete': replay.incomplete,
-        'repeated': replay.repeated,
-        'motions': replay.motions,
         'joints': list(joints),
         'held_joints': list(replay.held),
         'ignored_joints': list(replay.plan.ignored),
-        'torque': {model: _agreement(joints, one) for model, one in replay.torque.items()},
-        'commanded': None if replay.commanded is None else _agreement(joints, replay.commanded),
-        'shares': {name: _by_name(joints, share) for name, share in replay.shares.items()},
+        **_compared(replay, replay),
         'friction': None if replay.friction is None else _friction(joints, replay.friction),
-        'deflection': {topic: _agreement(names, one) for topic, one in replay.deflection.items()},
         'adapted': None if replay.adapted is None else _adapted(replay.adapted),
+        'phases': {
+            one.name: {
+                'begin_s': one.begin,
+                **_compared(replay, one),
+                'plant': {
+                    path: {'plant': plant, 'model': model}
+                    for path, (plant, model) in one.plant.items()
+                },
+                'doubts': doubts_of(joints, one),
+            }
+            for one in replay.phases
+        },
+        'notes': notes(replay),
         'doubts': doubts(replay),
     }
 
 
+def _compared(replay: Replay, one: Compared) -> dict[str, Any]:
+    """Return the numbers of a phase, or of all."""
+    joints, names = replay.plan.joints, replay.deflection_names
+    return {
+        'duration_s': one.duration,
+        'samples': one.samples,
+        'incomplete': one.incomplete,
+        'repeated': one.repeated,
+        'motions': one.motions,
+        'torque': {model: _agreement(joints, each) for model, each in one.torque.items()},
+        'commanded': None if one.commanded is None else _agreement(joints, one.commanded),
+        'shares': {name: _by_name(joints, share) for name, share in one.shares.items()},
+        'deflection': {topic: _agreement(names, each) for topic, each in one.deflection.items()},
+    }
+
+
+def notes(replay: Replay) -> list[str]:
+    """Return what a reader of a replay's numbers must know, in words."""
+    found = []
+    for one in replay.phases:
+        if one.plant:
+            numbers = ', '.join(
+                f'{path} {_number(plant)} (model: {_number(model)})'
+                for path, (plant, model) in one.plant.items()
+            )
+            found.append(f'{one.name}: the plant was another than the model, with {numbers}')
+    if replay.set_back:
+        found.append(f'the clock of the stamps was set back {replay.set_back} times')
+    places = [jump for jump in replay.jumps if jump.kind == 'place']
+    if places:
+        found.append(
+            f'the robot was put elsewhere {len(places)} times, first '
+            f'{places[0].joint} by {places[0].size:.3g} at {places[0].time:.3f} s'
+        )
+    return found
+
+
+def _number(value: Any) -> str:
+    """Return one or several numbers as text."""
+    return UNKNOWN if value is None else ' '.join(f'{each:.4g}' for each in np.atleast_1d(value))
+
+
 def doubts(replay: Replay) -> list[str]:
     """Return the doubts about a replay's numbers, in words."""
-    found = []
-    left_out = replay.incomplete + replay.repeated
-    if left_out > FEW * (left_out + replay.samples):
-        found.append(
-            f'{left_out} of {left_out + replay.samples} joint states were left out: '
-            f'{replay.incomplete} without every joint, {replay.repeated} with stamps that do not '
-            'rise'
-        )
+    joints = replay.plan.joints
+    found = [f'{one.name}: {doubt}' for one in replay.phases for doubt in doubts_of(joints, one)]
+    if not replay.phases:
+        found = doubts_of(joints, replay)
     if replay.friction is not None:
-        found += _negative_friction(replay.plan.joints, replay.friction)
+        found += _negative_friction(joints, replay.friction)
     return found
+
+
+def doubts_of(joints: Sequence[str], one: Compared) -> list[str]:
+    """Return the doubts about a phase: messages, jumps, and efforts that are no torques."""
+    found = []
+    left_out = one.incomplete + one.repeated
+    if left_out > FEW * (left_out + one.samples):
+        found.append(
+            f'{left_out} of {left_out + one.samples} joint states were left out: '
+            f'{one.incomplete} without every joint, {one.repeated} with stamps that do not rise'
+        )
+    found += jump_doubts(one.jumps)
+    return found + ([] if one.sizes is None else effort_doubts(joints, one.sizes))
 
 
 def _negative_friction(joints: Sequence[str], fit: FrictionFit) -> list[str]:
@@ -129,12 +188,19 @@ def _by_name(names: Sequence[str], values: NDArray[Any]) -> dict[str, float | No
     return dict(zip(names, map(plain, values), strict=True))
 
 
+def parts_of(summary: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
+    """Return the numbers by phase; those of all under '' where no phase is named."""
+    return summary['phases'] or {'': summary}
+
+
 def error_rows(summary: Mapping[str, Any]) -> Iterator[str]:
     """Yield the errors of each model and of each prediction as text for the terminal."""
-    for what in ('torque', 'deflection'):
-        for name, columns in summary[what].items():
-            for column, one in columns.items():
-                yield f'{what} {name}, {column}: rms {one["rms"]:.3g} of {one["measured_rms"]:.3g}'
+    for phase, part in parts_of(summary).items():
+        for what in ('torque', 'deflection'):
+            for name, columns in part[what].items():
+                for column, one in columns.items():
+                    error = f'rms {one["rms"]:.3g} of {one["measured_rms"]:.3g}'
+                    yield f'{phase}{": " * bool(phase)}{what} {name}, {column}: {error}'
 
 
 def lines(summary: Mapping[str, Any], tables: Iterable[str]) -> Iterator[str]:
@@ -149,5 +215,7 @@ def lines(summary: Mapping[str, Any], tables: Iterable[str]) -> Iterator[str]:
     yield from tables
     if summary['output']:
         yield f'bag     {summary["output"]}'
+    for note in summary['notes']:
+        yield f'note: {note}'
     for doubt in summary['doubts']:
         yield f'doubtful: {doubt}'

@@ -8,9 +8,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from denoc_ros.bags.run import LATEST_NS, Phase, phases_of, read_marks
+import numpy as np
+
+from denoc_ros.bags.run import LATEST_NS, Phase, parameter_changes, phases_of, read_marks
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import BagError
+from denoc_ros.model.numbers import FAMILIES, Value, own_path, values_of
 from denoc_ros.model.reading.findings import as_text
 from denoc_ros.model.reading.mapping_reader import (
     NUMBER,
@@ -20,6 +23,7 @@ from denoc_ros.model.reading.mapping_reader import (
     are_numbers,
     is_number,
 )
+from denoc_ros.types import Array
 
 EARTH = (0.0, 0.0, -9.81)  # m/s^2, where nothing is said
 FORMATS = ('.mcap', '.db3', '.csv', '.tsv', '.txt', '.dat', '.mat', '.json')
@@ -27,6 +31,7 @@ BAG_FOLDER = 'bag'
 SESSION_FILE = 'session.json'
 SIMULATED = 'simulate'  # kind of a session
 STEPPED = 'simulated'  # mode of a session's time
+SAME = 1e-9  # relative difference of numbers that are the same
 
 
 def recording_name(path: Path) -> str:
@@ -69,7 +74,7 @@ def plant_of(robot: Robot, session: Mapping[str, Any]) -> Robot:
     ConfigError, ModelError
         The session's paths are not of this robot.
     """
-    overrides = {**session.get('plant', {}), **session.get('model', {})}
+    overrides = {**session.get('model', {}), **session.get('plant', {})}
     return robot.with_overrides(overrides) if overrides else robot
 
 
@@ -117,15 +122,10 @@ def recorded_phases(run_path: Path, names: Sequence[str] = ()) -> tuple[Phase, .
     BagError, ConfigError
         The run cannot be read, or has no phase of a name.
     """
-    marks = read_marks(find_bag(run_path))
-    known = phases_of(read_session(run_path).get('phases', ()), marks)
-    begun = {name: ns for ns, name in marks}
-    known = tuple(
-        replace(phase, begin_ns=begun[phase.name])
-        if phase.begin_ns <= begun.get(phase.name, -1) < phase.end_ns
-        else phase
-        for phase in known
-    )
+    noted = read_session(run_path).get('phases', ())
+    known = phases_of(noted, [] if noted else read_marks(find_bag(run_path)))
+    if known[0].name and all(phase.plant is None for phase in known):
+        known = _with_changed_plants(find_bag(run_path), known)
     if missing := set(names) - {phase.name for phase in known}:
         phases = ', '.join(repr(phase.name) for phase in known if phase.name) or 'none'
         raise BagError(
@@ -133,6 +133,53 @@ def recorded_phases(run_path: Path, names: Sequence[str] = ()) -> tuple[Phase, .
             f'got {", ".join(map(repr, sorted(missing)))}'
         )
     return tuple(phase for phase in known if not names or phase.name in names)
+
+
+def _with_changed_plants(bag: Path, phases: Sequence[Phase]) -> tuple[Phase, ...]:
+    """Return phases with the plant's numbers that parameter events have changed before each."""
+    changes = parameter_changes(bag, 'plant')
+    found = []
+    for phase in phases:
+        plant: dict[str, Any] = {}
+        for stamp_ns, values in changes:
+            if stamp_ns <= phase.begin_ns:
+                plant.update({p: v for p, v in values.items() if p.split('.')[0] in FAMILIES})
+        # the damping that a node derives from damping ratios is not what was changed
+        rigid = {f'{path.rpartition(".")[0]}.damping' for path in plant if path.endswith('.ei')}
+        kept = {path: value for path, value in plant.items() if path not in rigid}
+        found.append(replace(phase, plant=kept or None))
+    return tuple(found)
+
+
+def plant_differences(
+    robot: Robot, plant: Mapping[str, Any]
+) -> dict[str, tuple[Value | None, Value | None]]:
+    """Return by dotted path the numbers of a plant and of a model that differ.
+
+    What a payload without mass has counts for nothing.
+    """
+    model = values_of(robot.tree)
+    given = {own_path(path, model): value for path, value in plant.items()}
+    found = {}
+    for path, value in given.items():
+        numbers = np.atleast_1d(np.asarray(value, dtype=np.float64))
+        mine = model.get(path)
+        family, _, rest = path.partition('.')
+        mass = f'payload.{rest.rpartition(".")[0]}.mass'
+        if family == 'payload' and not (given.get(mass, 0.0) or model.get(mass, 0.0)):
+            continue
+        if mine is None or not _agree(numbers, np.atleast_1d(np.asarray(mine))):
+            plain = numbers.tolist()
+            found[path] = (plain[0] if len(plain) == 1 else plain, mine)
+    return found
+
+
+def _agree(numbers: Array, others: Array) -> bool:
+    """Say whether numbers are the same; one number stands for several."""
+    one, other = (each if len(each) > 1 else each[0] for each in (numbers, others))
+    return np.shape(one) in ((), np.shape(other)) and bool(
+        np.allclose(one, other, rtol=SAME, atol=0.0)
+    )
 
 
 class _SessionReader(MappingReader):

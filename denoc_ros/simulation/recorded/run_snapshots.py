@@ -16,6 +16,7 @@ from denoc_ros.dynamics.driven.driven_motion import driven_motion
 from denoc_ros.dynamics.driven.measured_side import described_coordinates
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import BagError, ConfigError
+from denoc_ros.estimation.turns import without_turns
 from denoc_ros.simulation.recorded.snapshot import (
     Snapshot,
     deflection_channel,
@@ -207,7 +208,7 @@ class RecordedRun(Sequence[Snapshot]):
                 continue
             names = self._recorded(source, rows)
             if names and len((whole := rows.ascending().complete(names)).t):
-                return source, whole
+                return source, without_turns(whole, self._robot.tree)
         asked = f'{STATES[wanted]}' if wanted else 'a modal state or joint_states'
         raise BagError(
             f'{self.path}: bag must have {asked} of robot {self._robot.tree.name!r} '

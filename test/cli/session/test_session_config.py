@@ -9,15 +9,19 @@ from pathlib import Path
 
 import pytest
 
+from denoc_ros.bags.run import Phase
 from denoc_ros.cli.session.node_parameters import (
     changed_parameters,
     check_parameters,
     node_parameters,
+    plant_numbers,
     session_plant,
 )
 from denoc_ros.cli.session.session_config import KEYS, NODES, flatten, load_config
+from denoc_ros.cli.session.session_file import SessionFile
 from denoc_ros.errors import ConfigError
 from denoc_ros.model.plant_description import PlantDescription
+from denoc_ros.simulation.recorded.run_files import recorded_phases
 
 ROOT = Path(__file__).resolve().parents[3]
 GOOD = """
@@ -183,6 +187,22 @@ def test_plant_of_a_session_is_described_by_the_node_s_parameters(folder: Path) 
             check_parameters(config, ['plant'])
 
 
+def test_numbers_of_a_phase_s_plant_are_those_of_the_session_and_the_phase(folder: Path) -> None:
+    text = (
+        'robot: arm.urdf\nplant: {segments: 8, beam: {a.y.ei: 2.0}}\nphases:\n'
+        '- {name: right}\n- {name: wrong, plant: {payload.b.mass: 1, beam: {a.y.ei: 1.5}}}\n'
+    )
+    config = load_config(write(folder, text))
+    right, wrong = (plant_numbers(config, phase) for phase in config.phases)
+    assert right == {'beam.a.y.ei': 2.0}
+    assert wrong == {'beam.a.y.ei': 1.5, 'payload.b.mass': 1}
+    file = SessionFile(folder, {'name': 'arm'})
+    file.begin_phase('wrong', 10, plant=wrong)
+    file.end_phase(20)
+    (found,) = recorded_phases(folder)
+    assert found == Phase('wrong', 10, 20, wrong)
+
+
 def test_a_plant_in_mujoco_has_a_scene_beside_the_configuration(folder: Path) -> None:
     (folder / 'wall.xml').write_text('<mujoco/>')
     plant = 'plant: {engine: mujoco, segments: 8, scene: wall.xml}'
@@ -221,8 +241,8 @@ phases:
     first, second = config.phases
     assert config.model_in(first) == {'beam.arm.y.ei': 1.0, 'payload.tip.mass': 2.0}
     assert config.model_in(second) == {'beam.arm.y.ei': 4.0, 'payload.tip.mass': 2.0}
-    assert config.plant_in(first) == {'beam.arm.y.ei': 3.0}
-    assert config.plant_in(second) == {'beam.arm.y.ei': 3.0, 'payload.tip.mass': 5.0}
+    assert plant_numbers(config, first) == {'beam.arm.y.ei': 3.0}
+    assert plant_numbers(config, second) == {'beam.arm.y.ei': 3.0, 'payload.tip.mass': 5.0}
     given = node_parameters(config, 'predictor', second, folder)
     assert given['beam.arm.y.ei'] == 4.0
     given = node_parameters(config, 'plant', second, folder)

@@ -35,13 +35,11 @@ def test_marks_in_the_bag_name_phases_and_a_phase_that_began_anew_counts_once(
     assert found == (Phase('stiff', 10, 20), Phase('soft', 35, 50))
 
 
-def test_the_session_tells_the_phases_and_the_bag_when_their_reference_begins(
+def test_what_the_session_noted_goes_before_the_marks(
     tmp_path: Path,
 ) -> None:
     noted: list[dict[str, Any]] = [{'name': 'stiff', 'begin_ns': 12, 'end_ns': 18}]
-    assert recorded_phases(run_folder(tmp_path, [], noted)) == (Phase('stiff', 12, 18),)
-    marked = run_folder(tmp_path / 'marked', [(14, 'stiff'), (19, '')], noted)
-    assert recorded_phases(marked) == (Phase('stiff', 14, 18),)
+    assert recorded_phases(run_folder(tmp_path, MARKS, noted)) == (Phase('stiff', 12, 18),)
 
 
 def test_a_phase_that_did_not_end_says_so_and_lasts_to_the_end_of_the_bag(tmp_path: Path) -> None:

@@ -29,7 +29,7 @@ from denoc_ros.simulation.recorded.replay_settings import ReplaySettings, plan_r
 from denoc_ros.simulation.recorded.replay_summary import summarize
 from denoc_ros.types import Array
 
-ROW_FIELDS = ('stamp_ns', 'log_ns', 'effort', 'starts')
+ROW_FIELDS = ('stamp_ns', 'log_ns', 't', 'effort', 'starts')
 REAL: dict[str, tuple[Path, dict[str, str], int, list[str]]] = {
     'ur10_robot': (UR10_BAG, {}, 6, []),
     'panda': (PANDA_BAG, {'fer_': 'panda_'}, 7, ['panda_finger_joint1']),
@@ -190,7 +190,7 @@ def collected(stream: JointStream) -> Block:
         )
         for topic, series in blocks[0].beside.items()
     }
-    return Block(motion=motion, beside=beside, **rows)
+    return Block(motion=motion, beside=beside, phase=0, **rows)
 
 
 def source_of(path: Path, names: tuple[str, ...]) -> Source:
@@ -266,7 +266,7 @@ def test_messages_that_say_nothing_are_left_out_and_counted(tmp_path: Path) -> N
     path = write_joints(tmp_path / 'a.mcap', t, {'position': q}, ['a', 'b'])
     stream = JointStream(source_of(path, ('b', 'a')), 'filter', 20.0)
     block = collected(stream)
-    assert (stream.incomplete, stream.repeated) == (5, 2)
+    assert (stream.incomplete, stream.repeated) == ([5], [2])
     np.testing.assert_allclose(block.motion.q[:, 0], 2.0 * block.motion.q[:, 1], atol=1e-9)
     np.testing.assert_allclose(block.motion.qd, [[2.0, 1.0]] * 93, atol=1e-6)
 
