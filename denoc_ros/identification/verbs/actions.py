@@ -55,6 +55,7 @@ OF_A_SIGNAL = (
     *('--topic', '--field', '--quantity', '--gain', '--offset', '--unit', '--band', '--modes'),
     *('--at', '--joints', '--workers', '--scheduler', '--time', '--time-unit', '--rate'),
 )
+OF_A_RUN = ('--phase', '--free', '--apply')
 
 
 def default_action(words: Sequence[str]) -> str:
@@ -63,6 +64,8 @@ def default_action(words: Sequence[str]) -> str:
     A run is a recording that holds the robot, or one for which a robot is given.
     """
     given = {word.partition('=')[0] for word in words}
+    if given & {*OF_A_RUN}:
+        return 'run'
     several = len(words) > 1 and not words[1].startswith('-')
     if several or given & {*OF_A_SIGNAL}:
         return 'modal'

@@ -173,6 +173,7 @@ def test_options_of_a_signal_make_the_command_one_of_a_signal(
     assert read_attachment(runs[0], SESSION_ATTACHMENT)
     assert default_action([bag]) == 'run'
     assert default_action([bag, '--phase', 'a']) == 'run'
+    assert default_action([str(tmp_path / 'nothing'), '--apply', 'new.urdf']) == 'run'
     assert default_action([bag, '--topic', '/strain', '--field', 'link_1_y_root']) == 'modal'
     assert default_action([bag, bag]) == 'modal'
     assert default_action([str(tmp_path / 'nothing')]) == 'modal'
