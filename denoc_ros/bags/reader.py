@@ -16,6 +16,7 @@ import numpy as np
 
 from denoc_ros.bags.bag_files import BagFiles, chosen_connections, opened_files
 from denoc_ros.bags.definitions import DefinitionError, decode, types_of
+from denoc_ros.bags.file_kinds import other_kind
 from denoc_ros.bags.metadata import METADATA_NAME, ChannelKey, Connection, Qos, named_files
 from denoc_ros.bags.storage import MAGIC, is_mcap
 from denoc_ros.errors import BagError, ConfigError
@@ -312,7 +313,9 @@ def require_readable(path: Path) -> Path:
     if not path.is_file():
         raise BagError(f'{path}: bag must be a folder or a regular file, got another kind')
     if not path.name.endswith(BAG_SUFFIXES):
-        raise BagError(f'{path}: bag must be a rosbag2 folder, a .mcap or a .db3 file')
+        kind = other_kind(path)
+        got = f', got {kind}' if kind else ''
+        raise BagError(f'{path}: bag must be a rosbag2 folder, a .mcap or a .db3 file{got}')
     # What does not even begin as MCAP is not unfinished but something else.
     if path.suffix == '.mcap' and is_mcap(path) and not _is_finished(path):
         raise BagError(_unfinished(path))

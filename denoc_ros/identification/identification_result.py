@@ -27,7 +27,7 @@ from denoc_ros.identification.decay.channel import (
     read_record,
 )
 from denoc_ros.identification.decay.damping import USABLE, Assigned, assign_damping, configuration
-from denoc_ros.identification.decay.modes import Modes, strongest
+from denoc_ros.identification.decay.modes import DOUBTFUL, GOOD, Modes, strongest
 from denoc_ros.identification.decay.record_segments import standing_spans
 from denoc_ros.identification.decay.records import Quality, assess
 from denoc_ros.identification.tables.tables import is_table
@@ -78,6 +78,8 @@ def source_of(reading: Reading) -> Document:
         'field': channel.field,
         'quantity': channel.quantity if channel.topic else '',
         'stamp': channel.stamp if channel.topic else _clock_of(channel),
+        'rows': reading.rows,
+        'used_rows': len(reading.record.t),
         'calibration': {'gain': channel.gain, 'offset': channel.offset, 'unit': channel.unit},
     }
 
@@ -88,6 +90,14 @@ def _clock_of(channel: Channel) -> str:
         return f'{channel.rate:g} Hz'
     unit = f' in {channel.time_unit}' if channel.time_unit not in ('', 's') else ''
     return f'{channel.time}{unit}'
+
+
+def doubted(document: Document, reading: Reading) -> Document:
+    """Return a result that is not good where too few rows of its recording are used."""
+    if not reading.doubt:
+        return document
+    verdict = DOUBTFUL if document['verdict'] == GOOD else document['verdict']
+    return {**document, 'verdict': verdict, 'reasons': [*document['reasons'], reading.doubt]}
 
 
 def quality_of(quality: Quality) -> Document:
@@ -118,7 +128,7 @@ def identify_decay(path: Path, options: DecayOptions) -> tuple[Document, DecayAn
     reading = read_record(path, channel)
     given = channel.begin > 0.0 or math.isfinite(channel.end)
     standing = standing_spans(reading) if options.held else ()
-    analysis = analyse_decay(reading.record, given, standing)
+    analysis = analyse_decay(reading.record, given, standing, reading.doubt)
     coefficients, model = _model_of(options, reading, analysis)
     modes = analysis.modes
     asked = strongest(modes.frequency, modes.energy, options.band, options.count)

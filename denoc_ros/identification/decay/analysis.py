@@ -69,7 +69,7 @@ class DecayAnalysis:
 
 
 def analyse_decay(
-    record: Record, given: bool = False, standing: Sequence[Span] = ()
+    record: Record, given: bool = False, standing: Sequence[Span] = (), doubt: str = ''
 ) -> DecayAnalysis:
     """Return the modes of a free decay, and the results of other methods for them.
 
@@ -80,6 +80,8 @@ def analyse_decay(
     standing : sequence of (float, float)
         From when to when the joints stand [s], where that is known: the decay is looked for
         there, and a given window that they move in is doubted.
+    doubt : str
+        Why no mode is good, whatever the fit says; '' where nothing speaks against the record.
     """
     if given:
         window_by = 'given'
@@ -94,8 +96,8 @@ def analyse_decay(
         record, modes = later
     if moves := moving_until(record, standing):
         modes = _doubted(modes, f'joints move until {moves:.4g} s, in the window')
-    if doubt := doubtful_rate(record):
-        modes = _doubted(modes, doubt)
+    for reason in filter(None, (doubt, doubtful_rate(record))):
+        modes = _doubted(modes, reason)
     spectra = _spectra(record, modes, 'weighted')
     checks = tuple(
         (

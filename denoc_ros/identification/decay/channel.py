@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,13 +16,21 @@ from denoc_ros.bags.reader import bag_topics, read_bag, warn_left_out
 from denoc_ros.bags.series import elapsed, element_names, read_arrays, read_joint_states
 from denoc_ros.errors import BagError
 from denoc_ros.identification.decay.records import Record
-from denoc_ros.identification.tables.joint_table import RecordedWindow, shown, table_times
-from denoc_ros.identification.tables.tables import is_table, is_time, read_table
+from denoc_ros.identification.tables.joint_table import (
+    MOST_PER_STAMP,
+    RecordedWindow,
+    shown,
+    table_times,
+    warn_unused,
+)
+from denoc_ros.identification.tables.tables import is_table, read_table
 from denoc_ros.settings import setting
 from denoc_ros.types import Array, Stamps
 
 MULTI_ARRAY = 'std_msgs/msg/Float64MultiArray'
 DEFLECTION_UNITS = {'u': 'm', 'r': 'rad'}
+REPEAT = 'with the time of another'
+FEWEST_USED = 0.95  # of the rows: of fewer a result is doubtful
 DEEPEST = 4  # levels of a message that are looked into
 
 
@@ -59,6 +67,24 @@ class Reading:
     path: Path  # the file
     channel: Channel  # with all that was left out of it filled in
     origin_ns: int = 0  # stamp of time 0 [ns]; 0 in a table
+    # rows or messages in the window that are not in the record, by why
+    lost: Mapping[str, int] = field(default_factory=dict)
+
+    @property
+    def rows(self) -> int:
+        """Rows or messages in the window that have the signal."""
+        return len(self.record.t) + sum(self.lost.values())
+
+    @property
+    def told(self) -> str:
+        """How many rows are used, and why not all, such as `90 of 100 rows are used (...)`."""
+        why = ', '.join(f'{count} {reason}' for reason, count in self.lost.items() if count)
+        return f'{len(self.record.t)} of {self.rows} rows are used{f" ({why})" if why else ""}'
+
+    @property
+    def doubt(self) -> str:
+        """Why a result of this record is doubtful, '' where enough of the rows are used."""
+        return self.told if len(self.record.t) < FEWEST_USED * self.rows else ''
 
 
 def read_record(path: str | Path, channel: Channel) -> Reading:
@@ -80,8 +106,9 @@ def read_record(path: str | Path, channel: Channel) -> Reading:
     """
     path = Path(path)
     origin_ns = 0
+    lost: dict[str, int] = {}
     if is_table(path):
-        channel, t, raw = _table_samples(path, channel)
+        channel, t, raw, lost = _table_samples(path, channel)
     else:
         channel, stamp_ns, raw = _bag_samples(path, channel)
         t, origin_ns = elapsed(stamp_ns), int(stamp_ns[0]) if len(stamp_ns) else 0
@@ -90,8 +117,26 @@ def read_record(path: str | Path, channel: Channel) -> Reading:
     window = (t >= channel.begin) & (t <= channel.end)
     unit = channel.unit or _deflection_unit(channel)
     values = channel.gain * raw[window] + channel.offset
+    if channel.topic:
+        _require_own_stamps(path, channel, t[window])
     record = Record(t[window], values, f'{path.name}: {channel.name}', unit)
-    return Reading(record, path, replace(channel, unit=unit), origin_ns)
+    lost[REPEAT] = len(values) - len(record.t)
+    reading = Reading(record, path, replace(channel, unit=unit), origin_ns, lost)
+    if any(lost.values()):
+        warn_unused(f'{record.name}: {reading.told}')
+    return reading
+
+
+def _require_own_stamps(path: Path, channel: Channel, t: Array) -> None:
+    """Raise BagError where most messages have the stamp of another."""
+    stamps = len(np.unique(t))
+    if stamps and len(t) >= MOST_PER_STAMP * stamps:
+        other = 'log' if channel.stamp == 'header' else 'header'
+        raise BagError(
+            f'{path}: messages on {channel.topic} must have stamps of their own, got '
+            f'{len(t) / stamps:.3g} messages per stamp ({len(t)} with {stamps} stamps): '
+            f'use --stamp {other}'
+        )
 
 
 def joint_positions(reading: Reading, begin: float, end: float) -> dict[str, float]:
@@ -117,7 +162,7 @@ def channels_of(path: str | Path) -> list[Channel]:
         return [
             Channel(field=name)
             for name, values in columns.items()
-            if len(values) == longest and not is_time(name)
+            if len(values) == longest and not columns.is_time(name)
         ]
     return list(_bag_channels(path))
 
@@ -130,9 +175,9 @@ def _deflection_unit(channel: Channel) -> str:
     return DEFLECTION_UNITS[component[1]]
 
 
-def _table_samples(path: Path, channel: Channel) -> tuple[Channel, Array, Array]:
+def _table_samples(path: Path, channel: Channel) -> tuple[Channel, Array, Array, dict[str, int]]:
     columns = read_table(path)
-    others = [name for name in columns if name != channel.time and not is_time(name)]
+    others = [name for name in columns if name != channel.time and not columns.is_time(name)]
     field = channel.field or _only_one(path, 'field', others)
     if field not in columns:
         listed = shown(list(columns))
@@ -143,9 +188,13 @@ def _table_samples(path: Path, channel: Channel) -> tuple[Channel, Array, Array]
         raise BagError(
             f'{path}: {field} must have as many values as {time} has ({len(t)}), got {len(values)}'
         )
-    if channel.rate > 0.0:
-        return replace(channel, field=field, time=''), t, values
-    return replace(channel, field=field, time=time, time_unit=unit), t, values
+    unread = columns.unread
+    lost = {'with other cells': columns.left_out, 'without a number': unread.get(field, 0)}
+    if channel.rate > 0.0 or not time:
+        rate = channel.rate or 1.0 / columns.step
+        return replace(channel, field=field, time='', rate=rate), t, values, lost
+    lost['without a time'] = unread.get(time, 0)
+    return replace(channel, field=field, time=time, time_unit=unit), t, values, lost
 
 
 def _bag_samples(path: Path, channel: Channel) -> tuple[Channel, Stamps, Array]:

@@ -16,7 +16,12 @@ from denoc_ros.identification.decay.curves import NORMAL_95, pole_zeta_deviation
 from denoc_ros.identification.decay.modes import DOUBTFUL, GOOD, NOT_IDENTIFIABLE, strongest, worst
 from denoc_ros.identification.decay.records import Record, assess
 from denoc_ros.identification.decay.spectra import even_record
-from denoc_ros.identification.identification_result import mode_values, quality_of, source_of
+from denoc_ros.identification.identification_result import (
+    doubted,
+    mode_values,
+    quality_of,
+    source_of,
+)
 from denoc_ros.output_files import Document, plain
 from denoc_ros.types import Array
 
@@ -368,7 +373,8 @@ def identify_forced(
     reading = read_record(path, channel)
     topic = reading.channel.topic
     sources = [replace(one, topic=one.topic or topic) for one in inputs]
-    forces, answer = _together([read_record(path, one) for one in sources], reading)
+    driving = [read_record(path, one) for one in sources]
+    forces, answer = _together(driving, reading)
     found = fit_forced(forces, answer)
     asked = strongest(found.frequency, found.strength, band, count)
     document = {
@@ -390,7 +396,10 @@ def identify_forced(
         'remarks': found.remarks,
         'reasons': [*found.remarks, *(one for k in asked for one in found.reasons[k])],
     }
-    return dict(plain(document)), answer, found
+    result = dict(plain(document))
+    for one in (reading, *driving):
+        result = doubted(result, one)
+    return result, answer, found
 
 
 def _together(forces: Sequence[Reading], response: Reading) -> tuple[list[Record], Record]:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from denoc_ros.errors import IdentificationError
-from denoc_ros.identification.tables.tables import UNITS
+from denoc_ros.identification.tables.time_columns import UNITS
 from denoc_ros.types import Array
 
 FEWEST_SAMPLES = 8

@@ -21,7 +21,7 @@ from denoc_ros.identification.decay.decrement import (
 )
 from denoc_ros.identification.decay.modes import DOUBTFUL, GOOD, NOT_IDENTIFIABLE
 from denoc_ros.identification.decay.records import Record, assess, doubtful_rate
-from denoc_ros.identification.identification_result import quality_of, source_of
+from denoc_ros.identification.identification_result import doubted, quality_of, source_of
 from denoc_ros.identification.joint.swing import (
     MODELS,
     TERMS,
@@ -351,7 +351,7 @@ def identify_joint(
         ConfigError.raise_any('command line', [finding])
     reading = _unwrapped(read_record(path, channel))
     fit = fit_joint(reading.record, inertia, torque, not options.spring)
-    return _result(reading, fit, options), reading.record, fit
+    return doubted(_result(reading, fit, options), reading), reading.record, fit
 
 
 def _unwrapped(reading: Reading) -> Reading:

@@ -59,6 +59,12 @@ def decay_page(document: Mapping[str, Any], analysis: DecayAnalysis, command: st
     )
 
 
+def _unused(source: Mapping[str, Any]) -> str:
+    """Return how many rows of a recording are used, where it is not all."""
+    rows, used = source['rows'], source['used_rows']
+    return f'; {used} of {rows} rows are used' if used < rows else ''
+
+
 def decay_text(document: Mapping[str, Any]) -> str:
     """Return the lines of a result of modes for a terminal."""
     source, window, quality = document['source'], document['window'], document['quality']
@@ -66,7 +72,7 @@ def decay_text(document: Mapping[str, Any]) -> str:
     head = [
         f'{source["file"]}: {signal}',
         f'  {window["begin_s"]:.4g} … {window["end_s"]:.4g} s ({window["by"]}), '
-        f'{quality["samples"]} samples at {quality["rate"]:.4g} Hz',
+        f'{quality["samples"]} samples at {quality["rate"]:.4g} Hz{_unused(source)}',
     ]
     rows = [
         {

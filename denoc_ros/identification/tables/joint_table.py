@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -14,18 +16,15 @@ from denoc_ros.bags.reader import STAMP, Stamp
 from denoc_ros.bags.series import JointSeries
 from denoc_ros.bags.writer import BagWriter
 from denoc_ros.errors import BagError
-from denoc_ros.identification.tables.tables import (
-    UNITS,
-    Table,
-    read_table,
-    time_column,
-    unit_of_times,
-)
+from denoc_ros.identification.tables.tables import Table, read_table
+from denoc_ros.identification.tables.time_columns import UNITS, time_column, unit_of_times
 from denoc_ros.settings import positive, setting
 from denoc_ros.types import Array
 
 SEPARATORS = './_ '  # between a joint's name and what of it a column holds
+LOG = logging.getLogger('denoc_ros')
 SHOWN = 20  # names in a message
+MOST_PER_STAMP = 2.0  # rows, on average, of which one would be used
 FIRST_NS = 1_000_000_000  # a stamp of 0 would say that there is none
 
 
@@ -50,6 +49,12 @@ class RecordedWindow(TableTimes):
     stamp: Stamp = setting(STAMP)
     begin: float = setting(0.0, 'first time, since the first sample or message', 's')
     end: float = setting(math.inf, 'last time, since the same', 's')
+
+
+@lru_cache(maxsize=1000)
+def warn_unused(text: str) -> None:
+    """Log, once, that not all rows of a recording are used."""
+    LOG.warning(text)
 
 
 def joint_columns(
@@ -137,9 +142,10 @@ def table_times(
     if times.time and times.time not in columns:
         listed = shown(list(columns))
         raise BagError(f'{path}: time must be a column of numbers ({listed}), got {times.time!r}')
-    time = times.time or time_column(columns)
-    if times.rate > 0.0:
-        return time, times.time_unit or 's', np.arange(rows) / times.rate
+    time = times.time or time_column(columns, columns.time)
+    rate = times.rate or (1.0 / columns.step if columns.step > 0.0 and not time else 0.0)
+    if rate > 0.0:
+        return time, times.time_unit or 's', np.arange(rows) / rate
     if not time:
         raise BagError(
             f'{path}: table must have a column of times, got {shown(list(columns))}: name '
@@ -147,7 +153,23 @@ def table_times(
         )
     t = columns[time]
     unit = times.time_unit or unit_of_times(time, t, columns.units.get(time, ''))
+    _require_own_stamps(path, time, t, UNITS[unit])
     return time, unit, (t - t[np.isfinite(t).argmax()]) * UNITS[unit]  # below a row of units
+
+
+def _require_own_stamps(path: Path, time: str, t: Array, unit: float) -> None:
+    """Raise BagError where most rows have the time of another: it counts seconds, say."""
+    stamps, counts = np.unique(t[np.isfinite(t)], return_counts=True)
+    rows = int(counts.sum())
+    if rows < MOST_PER_STAMP * len(stamps):
+        return
+    usual = float(np.median(counts))
+    rate = usual / (unit * float(np.median(np.diff(stamps)))) if len(stamps) > 1 else 0.0
+    such = f', such as --rate {rate:.4g}' if rate > 0.0 else ''
+    raise BagError(
+        f'{path}: {time} must have a stamp of its own in each row, got {usual:g} rows per stamp '
+        f'({rows} rows with {len(stamps)} stamps): use --rate{such}'
+    )
 
 
 def joints_of_table(
@@ -179,6 +201,10 @@ def joints_of_table(
     }
     stamps = FIRST_NS + np.rint(1e9 * np.nan_to_num(t)).astype(np.int64)
     stamps[~np.isfinite(t)] = 0
+    used, every = len(np.unique(stamps[stamps > 0])), len(t) + given.left_out
+    if used < every:
+        why = 'the others have no time, the time of another or other cells'
+        warn_unused(f'{path}: {used} of {every} rows are used: {why}')
     return JointSeries(t, tuple(names), **fields, stamp_ns=stamps, log_ns=stamps)
 
 

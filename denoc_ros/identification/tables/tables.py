@@ -6,20 +6,21 @@ import csv
 import json
 import re
 import struct
-import zipfile
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from datetime import datetime, time, timedelta, timezone
+from datetime import datetime, time
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from denoc_ros.bags.file_kinds import other_kind
 from denoc_ros.bags.reader import BAG_SUFFIXES
 from denoc_ros.child_arrays import child_arrays
 from denoc_ros.decompression import inflated_size, require_bounded_archive
 from denoc_ros.errors import BagError
+from denoc_ros.identification.tables.time_columns import is_time, seconds_of
 from denoc_ros.types import Array
 
 DECIMAL_COMMA = re.compile(r'[+-]?\d*,\d+([eE][+-]?\d+)?')
@@ -41,47 +42,43 @@ MOST_WORDS = 3  # of a column's name in a comment
 LARGEST = 256 << 20  # bytes of a spreadsheet or .mat file, unpacked
 CELL_BYTES = 8  # that a cell of a spreadsheet takes in memory, at least
 MAT_HEADER, MAT_COMPRESSED = 128, 15  # bytes; type of an element
-UNITS = {'s': 1.0, 'ms': 1e-3, 'us': 1e-6, 'ns': 1e-9}
-TIME_NAMES = ('time', 't', 'timestamp', 'stamp')
-OTHER_NAMES = (  # of other programs and languages
-    '__time', 'times', 'time stamp', 'time_stamp', 'datetime', 'date_time', 'date time',
-    'date/time', 'elapsed', 'elapsed time', 'elapsed_time', 'time elapsed', 'time since start',
-    'relative time', 'zeit', 'zeitstempel', 'uhrzeit', 'temps', 'tiempo', 'tempo', 'tid', 'tijd',
-)  # fmt: skip
-UNIT_NAMES = {
-    'second': 's', 'seconds': 's', 'millisecond': 'ms', 'milliseconds': 'ms',
-    'microsecond': 'us', 'microseconds': 'us', 'nanosecond': 'ns', 'nanoseconds': 'ns',
-}  # fmt: skip
-SPELLED = {
-    **UNIT_NAMES, 'sec': 's', 'secs': 's', 'msec': 'ms', 'usec': 'us', 'µs': 'us', 'μs': 'us',
-    'nsec': 'ns',
-}  # fmt: skip
-WITH_UNIT = re.compile(
-    rf'({"|".join(map(re.escape, (*TIME_NAMES, *OTHER_NAMES)))})'
-    rf'(?:[ ,]* in | ?/ ?|[ ,_\[(]+)({"|".join((*UNITS, *SPELLED))})[\])]?',
-    re.IGNORECASE,
-)
-DATE = re.compile(
-    r'(?:(?P<y>\d{4})[-/.](?P<m>\d\d?)[-/.](?P<d>\d\d?)|(?P<a>\d\d?)[-/.](?P<b>\d\d?)[-/.](?P<c>\d{4}))'
-    r'[T _,]+(?P<time>\d\d?:\d\d(?::\d\d(?:[.,]\d*)?)?) ?(?P<zone>Z|UTC|[+-]\d\d:?\d\d)?'
-)
-CLOCK = re.compile(r'(?:(\d{1,4}):)?(\d\d?):(\d\d(?:[.,]\d*)?)')
-EPOCH = datetime(1970, 1, 1, tzinfo=timezone.utc)
-EARLIEST, LATEST = 5e8, 5e9  # s since 1970: times of a computer's clock, 1985 to 2128
-OTHERS = (  # first bytes of files that are no text
-    (b'\xd0\xcf\x11\xe0', 'an old spreadsheet (.xls)'),
-    (b'PAR1', 'a Parquet file'),
-    (b'\x89HDF', 'an HDF5 file'),
-    (b'\x1f\x8b', 'a compressed file'),
-)
+END_OF_HEADER = '***End_of_Header***'  # of LabVIEW's measurement files
 
 
 class Table(dict[str, Array]):
-    """Columns of numbers by name, each (k,)."""
+    """Columns of numbers by name, each (k,).
 
-    def __init__(self, columns: dict[str, Array], units: dict[str, str] | None = None) -> None:
+    Attributes
+    ----------
+    units : dict of str to str
+        By column, where there is a row of units.
+    unread : dict of str to int
+        Cells of each column that are neither empty nor a number.
+    left_out : int
+        Rows that are not in the columns: they have another number of cells.
+    time : str
+        The column of times, where the file says so by other means than its name.
+    step : float
+        Time between the rows by the head of the file [s]; 0 where it does not say.
+    """
+
+    def __init__(
+        self,
+        columns: dict[str, Array],
+        units: dict[str, str] | None = None,
+        unread: dict[str, int] | None = None,
+        left_out: int = 0,
+        time: str = '',
+        step: float = 0.0,
+    ) -> None:
         super().__init__(columns)
         self.units = dict(units or {})
+        self.unread = dict(unread or {})
+        self.left_out, self.time, self.step = left_out, time, step
+
+    def is_time(self, name: str) -> bool:
+        """Say whether a column has times, by what the file says or by its name."""
+        return name == self.time or is_time(name)
 
 
 @dataclass(frozen=True)
@@ -95,6 +92,8 @@ class Sheet:
     rows: list[tuple[int, list[str]]]
     commas: bool = False  # numbers have decimal commas
     width: int = 0  # cells of most rows
+    time: str = ''  # column of times, where the head says so
+    step: float = 0.0  # time between the rows by the head [s]
 
     def number(self, cell: str) -> float | None:
         """Return the number or the time [s] in a cell, None where it is neither."""
@@ -137,10 +136,9 @@ def read_table(path: Path) -> Table:
 
 def read_sheet(path: Path) -> Sheet:
     """Return the cells of a text or a spreadsheet; errors as `read_table`."""
+    if kind := other_kind(path):
+        raise BagError(f'{path}: table must be text, .xlsx, .mat or .json, got {kind}')
     raw = path.read_bytes()
-    for start, kind in OTHERS:
-        if raw.startswith(start):
-            raise BagError(f'{path}: table must be text, .xlsx, .mat or .json, got {kind}')
     if raw.startswith(b'PK\x03\x04') or path.suffix.lower() in SPREADSHEETS:
         return _read_workbook(path)
     return _text_sheet(_decoded(path, raw))
@@ -171,8 +169,14 @@ def _text_sheet(text: str) -> Sheet:
         cells = line.lstrip().lstrip('#%').strip() if is_comment else BEHIND.sub('', line)
         lines.append((number, is_comment, cells))
     cells_of = _split([cells for _, _, cells in lines], delimiter)
+    width = _usual_width(
+        [cells for (_, c, _), cells in zip(lines, cells_of, strict=True) if not c]
+    )
+    widest = [cells for cells in cells_of if len(cells) == width]
+    # A delimiter ends each line, or the last cell of some lines is empty.
+    all_end = not any(cells[-1] for cells in widest)
     rows = [
-        (number, is_comment, _trimmed(cells))
+        (number, is_comment, _trimmed(cells) if all_end or len(cells) > width else cells)
         for (number, is_comment, _), cells in zip(lines, cells_of, strict=True)
     ]
     return _sheet(rows, delimiter)
@@ -198,7 +202,7 @@ def _delimiter(lines: Sequence[str]) -> str:
             continue
         cells = [cell for row in rows if len(row) == width for cell in row]
         told = [c for c in cells if _number(c.replace(',', '.')) is not None]
-        score = len(told) / max(sum(map(len, rows)), 1)
+        score = len(told) / max(sum(bool(cell) for row in rows for cell in row), 1)
         if score > best + 1e-9:
             best, chosen = score, delimiter
     return chosen
@@ -240,15 +244,33 @@ def _sheet(rows: list[tuple[int, bool, list[str]]], delimiter: str) -> Sheet:
     numeric = [k for k, share in enumerate(shares) if share > 0.5]
     if not numeric:
         return Sheet([], [], [])
+    unused = _unused(of_width)
     first = next(
-        (n for n, cells in body if len(cells) == width and _has_numbers(blank, cells, numeric)),
+        (
+            n
+            for n, cells in body
+            if len(cells) == width
+            and _has_numbers(blank, cells, numeric)
+            and not any(cells[k] for k in unused)
+        ),
         body[-1][0],
     )
     data = [(number, cells) for number, cells in body if number >= first]
     counted = _counts([cells[0] for _, cells in data if len(cells) == width])
     above = [row for row in rows if row[0] < first]
     names, units = _heading(above, width, counted, delimiter)
-    return Sheet(names, units, data, commas, width)
+    if all(cells[0] != END_OF_HEADER for _, _, cells in above):
+        return Sheet(names, units, data, commas, width)
+    told = {cells[0]: cells[1] for _, _, cells in above if len(cells) > 1}
+    is_time = told.get('X_Dimension', 'Time') == 'Time'
+    step = (blank.number(told.get('Delta_X', '')) or 0.0) if is_time else 0.0
+    time = 'X_Value' if is_time and 0 not in unused else ''
+    return Sheet(names, units, data, commas, width, time, step)
+
+
+def _unused(rows: Sequence[Sequence[str]]) -> list[int]:
+    """Return the columns that are empty in rows: a row with a cell there is none of the data."""
+    return [k for k in range(len(rows[0]) if rows else 0) if not any(row[k] for row in rows)]
 
 
 def _is_text(cells: Sequence[str]) -> bool:
@@ -319,16 +341,22 @@ def _columns(sheet: Sheet) -> Table:
     width = sheet.width or _usual_width(body)
     if width > MOST_COLUMNS:
         return Table({str(k): np.zeros(0) for k in range(width)})  # refused by their number
-    body = [row for row in body if len(row) == width]
-    columns, units = {}, {}
+    whole = [row for row in body if len(row) == width]
+    unused = _unused(whole[-LOOKED_AT:])
+    whole = [row for row in whole if not any(row[k] for k in unused)]
+    columns, units, unread = {}, {}, {}
     names = _unlike([*sheet.names[:width], *map(str, range(len(sheet.names), width))])
     for k, name in enumerate(names):
-        numbers = [sheet.number(row[k]) for row in body]
+        numbers = [sheet.number(row[k]) for row in whole]
         if any(number is not None for number in numbers):
             columns[name] = np.array([np.nan if n is None else n for n in numbers])
+            unread[name] = sum(
+                n is None and bool(row[k]) for n, row in zip(numbers, whole, strict=True)
+            )
             if k < len(sheet.units):
                 units[name] = sheet.units[k].strip('[]() ')
-    return Table(columns, units)
+    time = sheet.time if sheet.time in columns else ''
+    return Table(columns, units, unread, len(body) - len(whole), time, sheet.step)
 
 
 def _unlike(names: Sequence[str]) -> list[str]:
@@ -365,12 +393,6 @@ def _read_workbook(path: Path) -> Sheet:
             f'{path}: a spreadsheet must be read by openpyxl (pip install openpyxl, or '
             "'denoc_ros[tables]'), got none: install it, or save the sheet as .csv"
         ) from error
-    with zipfile.ZipFile(path) as archive:
-        if 'xl/workbook.xml' not in archive.namelist():
-            raise BagError(
-                f'{path}: table must be text, .xlsx, .mat or .json, got another zip archive: '
-                'save it as .csv'
-            )
     try:
         require_bounded_archive(path, LARGEST)
     except ValueError as error:
@@ -450,7 +472,12 @@ def _too_large(path: Path, got: str) -> str:
 
 def _read_json(path: Path) -> Table:
     columns: dict[str, Array] = {}
-    for name, values in _lists(json.loads(path.read_text(encoding='utf-8')), ''):
+    text = path.read_text(encoding='utf-8')
+    try:
+        content = json.loads(text)
+    except json.JSONDecodeError:
+        content = [json.loads(line) for line in text.splitlines() if line.strip()]
+    for name, values in _lists(content, ''):
         if all(isinstance(entry, dict) for entry in values):
             for key in values[0]:
                 _add(columns, key, [entry.get(key) for entry in values])
@@ -472,81 +499,6 @@ def _add(columns: dict[str, Array], name: str, values: list[Any]) -> None:
         columns[name] = np.array(values, dtype=np.float64)
 
 
-def is_time(name: str) -> bool:
-    """Say whether a column's name is one of times, such as `time` or `t [ms]`."""
-    plain = name.strip().lower()
-    known = plain in TIME_NAMES or plain in OTHER_NAMES or plain in UNIT_NAMES
-    return known or WITH_UNIT.fullmatch(plain) is not None
-
-
-def _unit_of(name: str) -> str:
-    plain = name.strip().lower()
-    found = WITH_UNIT.fullmatch(plain)
-    return unit_of_word(found[2] if found else plain if plain in UNIT_NAMES else '')
-
-
-def unit_of_word(word: str) -> str:
-    """Return s, ms, us or ns for how a unit is written; '' where it is none of them."""
-    unit = SPELLED.get(word.lower(), word.lower())
-    return unit if unit in UNITS else ''
-
-
-def unit_of_times(name: str, times: Array, below: str = '') -> str:
-    """Return the unit of a column of times: s, ms, us or ns.
-
-    Parameters
-    ----------
-    name : str
-        Of the column, which may say it.
-    times : (k,) array
-        Its values: those of a computer's clock say it by their size.
-    """
-    said = _unit_of(name) or unit_of_word(below)
-    if said:
-        return said
-    finite = times[np.isfinite(times)]
-    first = float(finite[0]) if finite.size else 0.0
-    return next((u for u, size in UNITS.items() if EARLIEST <= first * size <= LATEST), 's')
-
-
-def time_column(columns: Mapping[str, Array]) -> str:
-    """Return the first column of times that change; '' where there is none."""
-    named = [name for name in columns if is_time(name)]
-    changing = [name for name in named if np.unique(columns[name][:2]).size > 1]
-    return next(iter([*changing, *named]), '')
-
-
-def seconds_of(cell: str) -> float | None:
-    """Return the seconds of a date with a time (since 1970), or of a time of day; else None."""
-    cell = cell.strip()
-    if ':' not in cell:
-        return None
-    if found := CLOCK.fullmatch(cell):
-        hours, minutes, seconds = found.groups()
-        return 3600.0 * int(hours or 0) + 60.0 * int(minutes) + float(seconds.replace(',', '.'))
-    date = DATE.fullmatch(cell)
-    if date is None:
-        return None
-    if date['y']:
-        year, month, day = int(date['y']), int(date['m']), int(date['d'])
-    else:
-        day, month, year = int(date['a']), int(date['b']), int(date['c'])
-        if month > 12:
-            day, month = month, day
-    try:
-        midnight = datetime(year, month, day, tzinfo=timezone.utc)
-    except ValueError:
-        return None
-    zone = date['zone'] or 'Z'
-    if zone[0] in '+-':
-        ahead = timedelta(hours=int(zone[1:3]), minutes=int(zone[-2:]))
-        midnight -= ahead if zone[0] == '+' else -ahead
-    hours, minutes, *rest = date['time'].split(':')
-    of_day = 3600.0 * int(hours) + 60.0 * int(minutes)
-    of_day += float(rest[0].replace(',', '.')) if rest else 0.0
-    return (midnight - EPOCH).total_seconds() + of_day
-
-
 def is_table(path: Path) -> bool:
     """Say whether a path is that of a table: a file that is no bag."""
     suffix = path.suffix.lower()
@@ -562,4 +514,6 @@ READERS: dict[str, Callable[[Path], Table]] = {
     **dict.fromkeys(SPREADSHEETS, _read_text),
     '.mat': _read_mat,
     '.json': _read_json,
+    '.jsonl': _read_json,
+    '.ndjson': _read_json,
 }

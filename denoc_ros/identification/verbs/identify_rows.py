@@ -14,9 +14,12 @@ from denoc_ros.cli.many_runs import FAILURE, RowStore, WorkerConfig, run_batch
 from denoc_ros.cli.verb_result import VerbResult
 from denoc_ros.cli.verbs import BAD_INPUT, DOUBTFUL
 from denoc_ros.errors import BagError
+from denoc_ros.simulation.recorded.run_files import BAG_FOLDER, SESSION_FILE
 from denoc_ros.text_table import Row, text_table
 
 RECORDINGS = ('.mcap', '.db3', '.csv', '.tsv', '.dat', '.mat', '.json')
+# Files beside the bag of a session: settings and results, no signals.
+NO_RECORDINGS = (SESSION_FILE, 'summary.json', 'configuration.yaml')
 
 
 @dataclass(frozen=True)
@@ -105,6 +108,8 @@ def _state_of(path: Path) -> str:
 def recordings(names: Sequence[str]) -> list[Path]:
     """Return the recordings that match paths, folders and patterns, each once.
 
+    The folder of a session stands for its bag.
+
     Raises
     ------
     BagError
@@ -117,13 +122,25 @@ def recordings(names: Sequence[str]) -> list[Path]:
             paths = [Path(match) for match in sorted(glob.glob(name, recursive=True))]
         elif paths[0].is_dir() and not _is_bag_folder(paths[0]):
             paths = sorted(_inside(paths[0]))
+        paths = [_bag_of_run(path) for path in paths if path.name not in NO_RECORDINGS]
         if not paths:
             raise BagError(f'{name}: path must be that of a bag, or of some, got none there')
         found |= dict.fromkeys(paths)
     return list(found)
 
 
+def _is_run(path: Path) -> bool:
+    return (path / SESSION_FILE).is_file() and (path / BAG_FOLDER).exists()
+
+
+def _bag_of_run(path: Path) -> Path:
+    """Return the bag of a session's folder, any other path as it is."""
+    return path / BAG_FOLDER if _is_run(path) else path
+
+
 def _is_bag_folder(folder: Path) -> bool:
+    if _is_run(folder):
+        return True
     files = [file for file in folder.iterdir() if file.suffix in ('.mcap', '.db3')]
     return (folder / 'metadata.yaml').is_file() or len(files) == 1
 
@@ -132,7 +149,7 @@ def _inside(folder: Path) -> list[Path]:
     """Return the bags below a folder: bag folders as such, and tables."""
     found: dict[Path, None] = {}
     for file in folder.rglob('*'):
-        if file.suffix in RECORDINGS and file.is_file():
+        if file.suffix in RECORDINGS and file.name not in NO_RECORDINGS and file.is_file():
             is_part = (file.parent / 'metadata.yaml').is_file()
             found[file.parent if is_part else file] = None
     return list(found)

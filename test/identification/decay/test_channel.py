@@ -19,7 +19,7 @@ from denoc_ros.identification.decay.channel import (
     read_record,
 )
 from denoc_ros.identification.decay.records import Record, doubtful_rate
-from denoc_ros.identification.tables.tables import is_time, unit_of_times
+from denoc_ros.identification.tables.time_columns import is_time, unit_of_times
 
 START_NS = 1_700_000_000_000_000_000
 DELAY_NS = 2_000_000  # from stamp to recording

@@ -152,7 +152,7 @@ def test_a_spreadsheet_without_its_reader_says_how(
     ('raw', 'said'),
     [
         (b'\xd0\xcf\x11\xe0' + bytes(600), r'an old spreadsheet \(\.xls\)'),
-        (b'PK\x03\x04' + bytes(600), 'table must be readable, got: File is not a zip file'),
+        (b'PK\x03\x04' + bytes(600), r'a damaged archive \(\.zip\)'),
         (b'\x89HDF\r\n\x1a\n' + bytes(600), 'an HDF5 file'),
         (bytes(600), 'bytes of no text'),
     ],
@@ -208,3 +208,12 @@ def test_units_and_values_survive_together(tmp_path: Path) -> None:
     assert table.units == {'Time': 'ms', 'Tip': 'mm', 'Load': 'N'}
     values: NDArray[np.float64] = table['Load']
     np.testing.assert_array_equal(values, 3.0)
+
+
+@pytest.mark.parametrize('suffix', ['.json', '.jsonl', '.ndjson'])
+def test_a_json_object_in_each_line_is_a_row(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f'record{suffix}'
+    path.write_text(''.join(f'{{"time": {t}, "tip": {y}}}\n' for t, y in ROWS))
+    record = read_record(path, Channel()).record
+    np.testing.assert_array_equal(record.t, T)
+    np.testing.assert_array_equal(record.y, Y)

@@ -63,3 +63,27 @@ def test_paths_patterns_and_folders_stand_for_recordings(folder: Path, tmp_path:
     assert recordings([str(tmp_path)])[-1] in (bag, *tables)
     with pytest.raises(BagError, match='must be that of a bag, or of some, got none there'):
         recordings([f'{folder}/*.db3'])
+
+
+def test_the_folder_of_a_session_stands_for_its_bag(tmp_path: Path) -> None:
+    for name in ('run-1', 'run-2'):
+        bag = tmp_path / name / 'bag'
+        bag.mkdir(parents=True)
+        for file in ('metadata.yaml', 'bag_0.mcap', '../session.json', '../summary.json'):
+            (bag / file).touch()
+        (tmp_path / name / 'configuration.yaml').touch()
+        (tmp_path / name / 'report.html').touch()
+    bags = [tmp_path / name / 'bag' for name in ('run-1', 'run-2')]
+    assert recordings([str(tmp_path / 'run-1')]) == bags[:1]
+    assert recordings([f'{tmp_path}/run-*']) == bags
+    assert recordings([str(tmp_path)]) == bags
+
+
+@pytest.mark.parametrize('name', ['session.json', 'summary.json', 'configuration.yaml'])
+def test_a_file_beside_the_bag_of_a_session_is_no_recording(tmp_path: Path, name: str) -> None:
+    (tmp_path / name).write_text('{"y": [1, 2, 3]}')
+    (tmp_path / 'other.json').touch()
+    for asked in (str(tmp_path / name), f'{tmp_path}/{name[:-1]}?'):
+        with pytest.raises(BagError, match='must be that of a bag, or of some, got none there'):
+            recordings([asked])
+    assert recordings([str(tmp_path)]) == [tmp_path / 'other.json']
