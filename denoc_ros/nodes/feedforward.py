@@ -116,7 +116,11 @@ class FeedforwardNode(RobotNode):
         if self.floating is not None and self.flies:  # thrusters hold it
             self.wrench = BaseWrench(self, self.floating.robot(settings.family(*FAMILIES)))
         self.motion = JointInput(
-            self.robot, self.joints, self.bounds, settings.flag('allow_extra_joints')
+            self.robot,
+            self.joints,
+            self.bounds,
+            settings.flag('allow_extra_joints'),
+            timeout=lambda: self.settings.number('joint_state_timeout'),
         )
         self.torque = LiveTorque(self._build(self.robot, settings), self.in_hurry)
         self._has_loops = bool(self.robot.tree.loops)

@@ -232,6 +232,7 @@ class PredictorNode(RobotNode):
             settings.flag('allow_extra_joints'),
             rewinds=True,
             judges_effort=self._takes_effort,
+            timeout=lambda: self.settings.number('joint_state_timeout'),
         )
         self.base_frame = next(f for f, place in robot.tree.frames.items() if place.body < 0)
         self.outputs = PredictorOutputs(

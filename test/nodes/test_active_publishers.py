@@ -48,9 +48,9 @@ while True:
 def test_one_that_goes_on_is_one_although_messages_are_lost() -> None:
     publishers, now = ActivePublishers(1), 10.0
     for number in (7, 8, 9, 9 + LOST, 300):
-        assert publishers.count(1, [number], now) == 1
+        assert publishers.count(1, [number], now) == [1]
     for number in (301, 302, 302 + LOST):
-        assert publishers.count(2, [number], now) == 1
+        assert publishers.count(2, [number], now) == [1]
 
 
 def test_two_that_talk_in_turns_are_two_however_their_numbers_stand() -> None:
@@ -60,37 +60,61 @@ def test_two_that_talk_in_turns_are_two_however_their_numbers_stand() -> None:
         found = []
         for k in range(1, 5):
             now = 10.0 + 0.01 * k
-            found += [publishers.count(2, [other + k], now), publishers.count(2, [1000 + k], now)]
+            found += publishers.count(2, [other + k], now) + publishers.count(2, [1000 + k], now)
         assert found[1:] == [2] * 7
 
 
 def test_messages_of_one_batch_are_told_apart_before_one_is_taken() -> None:
-    assert ActivePublishers(1).count(2, [5, 1], 10.0) == 2
+    assert ActivePublishers(1).count(2, [5, 1], 10.0) == [2, 2]
 
 
 def test_one_that_has_fallen_silent_does_not_count_after_a_while() -> None:
     publishers = ActivePublishers(1)
     publishers.count(1, [5000], 10.0)
-    assert publishers.count(2, [1], 10.0 + 0.9 * SILENCE) == 2
-    assert publishers.count(2, [2], 10.0 + 1.1 * SILENCE) == 1
+    assert publishers.count(2, [1], 10.0 + 0.9 * SILENCE) == [2]
+    assert publishers.count(2, [2], 10.0 + 1.1 * SILENCE) == [1]
 
 
 def test_as_many_as_may_talk_are_not_too_many() -> None:
     publishers = ActivePublishers(2)
     found = [publishers.count(3, [first + k], 10.0) for k in range(3) for first in (1, 1000)]
-    assert max(found) == 2
-    assert publishers.count(3, [9000], 10.0) == 3
+    assert max(found) == [2]
+    assert publishers.count(3, [9000], 10.0) == [3]
 
 
 def test_without_numbers_all_count_as_talking() -> None:
-    assert ActivePublishers(1).count(2, [None], 10.0) == 2
+    assert ActivePublishers(1).count(2, [None], 10.0) == [2]
 
 
 def test_of_those_before_nothing_is_known_at_the_beginning() -> None:
     publishers = ActivePublishers(1)
     publishers.begin(10.0)
-    assert publishers.count(2, [1], 10.1) == 2
-    assert publishers.count(2, [2], 10.1 + SILENCE) == 1
+    assert publishers.count(2, [1], 10.1) == [2]
+    assert publishers.count(2, [2], 10.1 + SILENCE) == [1]
+
+
+ARM, FINGER = frozenset({'shoulder', 'elbow'}), frozenset({'finger'})
+
+
+def test_those_of_other_joints_do_not_count_against_each_other() -> None:
+    publishers = ActivePublishers(1)
+    publishers.count(1, [1000], 10.0)
+    found = []
+    for k in range(1, 20):
+        now = 10.0 + 0.01 * k
+        found.append(publishers.count(2, [1000 + k], now, [ARM]))
+        found.append(publishers.count(2, [k], now, [FINGER]))
+    # whose the messages of one publisher alone were is not known before the next one
+    assert found[1:] == [[1]] * 37
+
+
+def test_two_of_the_same_joint_are_two_whatever_else_they_name() -> None:
+    publishers = ActivePublishers(1)
+    for k in range(1, 5):
+        found = publishers.count(
+            3, [k, 1000 + k, 5000 + k], 10.0, [ARM, FINGER, frozenset({'finger', 'thumb'})]
+        )
+    assert found == [1, 2, 2]
 
 
 TABLE = ParameterTable([AUTOSTART, *ROBOT, *LOOP, *INPUTS])

@@ -36,6 +36,7 @@ from denoc_ros.settings import setting
 from denoc_ros.simulation.recorded.plausibility import (
     angular_joints,
     found_jumps,
+    gaps_between,
     jump_doubts,
     jumps_between,
 )
@@ -238,6 +239,7 @@ def _jumps(tree: Tree, whole: JointSeries, rates: Array | None) -> list[str]:
         return []
     trusted = rates if rates is not None and rates.any() else None
     jumps = jumps_between(whole.t, whole.position, trusted)
+    jumps &= ~gaps_between(whole.t, float(np.median(np.diff(whole.t))))[:, None]
     angular = angular_joints(tree, whole.names)
     found = found_jumps(whole.names, whole.t, whole.position, jumps, angular)
     return jump_doubts([jump for _, jump in found], ('turn', 'sample', 'place'))

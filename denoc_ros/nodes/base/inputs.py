@@ -9,6 +9,7 @@ from time import perf_counter, thread_time, time_ns
 from typing import Any, Protocol
 
 from rclpy.qos import QoSProfile
+from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory
 
 from denoc_ros.bags.cdr import CdrError, CdrReader
@@ -18,6 +19,7 @@ from denoc_ros.runtime.inputs.input_monitor import (
     InputError,
     InputMonitor,
 )
+from denoc_ros.runtime.inputs.message_readers import joint_names
 from denoc_ros.runtime.loop.clocks import Clock
 
 HELD = 4  # heavy messages that wait; more of them in so short a time are a flood
@@ -141,6 +143,14 @@ def _header_stamp_ns(raw: bytes) -> int:
         return 0
 
 
+def _joints_of(raw: bytes) -> frozenset[str]:
+    """Return the joints that a JointState names; none where it is malformed."""
+    try:
+        return frozenset(joint_names(raw))
+    except InputError:  # who handles it will say so
+        return frozenset()
+
+
 class Subscriber(Protocol):
     """Maker of the subscription, and listener to refused messages."""
 
@@ -210,6 +220,7 @@ class Input:
         self._is_simulated = node.clock.is_simulated
         self._last_take = perf_counter()
         self._depth, self._kind = qos.depth, message_type
+        self._names_joints = message_type is JointState
 
         def subscribed() -> Any:
             # one argument only: rclpy 7.1.6's EventsExecutor fails on messages with their info
@@ -288,18 +299,22 @@ class Input:
         if len(waiting) > 1:
             waiting += _taken(take, self._kind, self._depth - len(waiting))
         numbers = [info['publication_sequence_number'] for _, info in waiting]
-        sending = self._active_publishers.count(publishing, numbers, now)
+        joints: list[frozenset[str]] = []
+        if self._names_joints and publishing > self.monitor.max_publishers:
+            joints = [_joints_of(raw) for raw, _ in waiting]
+        counts = self._active_publishers.count(publishing, numbers, now, joints)
         number = self.number = numbers[-1]
         is_alone = publishing <= self.monitor.max_publishers and not self._is_simulated
         self._following = number + 1 if is_alone and number is not None else NONE
         if self._is_simulated:
-            for raw, _ in waiting:
+            for (raw, _), sending in zip(waiting, counts, strict=True):
                 self._queue(raw, sending)
             self._give_due()
             return
         moments = arrivals([info for _, info in waiting], before)
         begin = math.inf
-        for place, ((raw, _), came) in enumerate(zip(waiting, moments, strict=True), 1):
+        messages = zip(waiting, moments, counts, strict=True)
+        for place, ((raw, _), came, sending) in enumerate(messages, 1):
             if self._waits(raw):
                 self._hold(raw, came, sending)
             elif place < len(waiting) and thread_time() - begin > TAKE_TIME:

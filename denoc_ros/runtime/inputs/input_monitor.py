@@ -33,25 +33,35 @@ class ActivePublishers:
     ----------
     allowed : int
         Publishers that may send at once; the numbers matter while there are more.
+
+    Notes
+    -----
+    Publishers whose messages name other joints, as those of an arm and of its gripper, do not
+    count against each other.
     """
 
     def __init__(self, allowed: int) -> None:
         self._allowed = allowed
-        self._last: list[
-            tuple[int, float]
-        ] = []  # number and time of each publisher's last message
+        # number, time and joints of each publisher's last message; None: its joints are not known
+        self._last: list[tuple[int, float, frozenset[str] | None]] = []
 
     def begin(self, now: float) -> None:
         """Assume that as many publishers as allowed sent up to steady `now` [s]."""
-        self._last = [(-LOST - 1, now)] * self._allowed
+        self._last = [(-LOST - 1, now, None)] * self._allowed
 
     def saw(self, number: int | None, now: float) -> None:
         """Take the number of a message that came while all publishers were allowed to send."""
         if number is not None:
-            self._last = [(number, now)]
+            self._last = [(number, now, None)]
 
-    def count(self, publishers: int, numbers: Sequence[int | None], now: float) -> int:
-        """Take the numbers of new messages; return how many publishers send.
+    def count(
+        self,
+        publishers: int,
+        numbers: Sequence[int | None],
+        now: float,
+        joints: Sequence[frozenset[str]] = (),
+    ) -> list[int]:
+        """Take the numbers of new messages; return for each how many publishers send its joints.
 
         Parameters
         ----------
@@ -60,24 +70,34 @@ class ActivePublishers:
             all publishers count as sending.
         now : float
             s on the steady clock.
+        joints : sequence of set of str, optional
+            That each message names; default: all messages are of the same.
         """
+        named = joints or [frozenset({''})] * len(numbers)
         known = [number for number in numbers if number is not None]
         if publishers <= self._allowed:
-            self._last = [(known[-1], now)] if known else self._last
-            return publishers
+            self._last = [(known[-1], now, None)] if known else self._last
+            return [publishers] * len(numbers)
         if len(known) < len(numbers):
-            return publishers
+            return [publishers] * len(numbers)
         self._last = [each for each in self._last if now - each[1] < SILENCE]
-        for number in known:
-            self._attribute(number, now)
-        return len(self._last)
+        for number, own in zip(known, named, strict=True):
+            self._attribute(number, now, own)
+        return [
+            sum(other is None or not own.isdisjoint(other) for _, _, other in self._last)
+            for own in named
+        ]
 
-    def _attribute(self, number: int, now: float) -> None:
+    def _attribute(self, number: int, now: float, joints: frozenset[str]) -> None:
         """Attribute a message to the publisher whose numbers it continues, else to a new one."""
-        before = [each for each in self._last if 0 < number - each[0] <= LOST]
+        before = [
+            each
+            for each in self._last
+            if 0 < number - each[0] <= LOST and each[2] in (None, joints)
+        ]
         if before:
-            self._last.remove(max(before))
-        self._last.append((number, now))
+            self._last.remove(max(before, key=lambda each: each[0]))
+        self._last.append((number, now, joints))
 
 
 class Gaps:

@@ -9,6 +9,7 @@ from denoc_ros.dynamics.robot import Robot
 from denoc_ros.runtime.inputs.input_monitor import InputError, InputMonitor
 from denoc_ros.runtime.inputs.joint_gate import JointSample, joint_gate
 from denoc_ros.runtime.inputs.message_readers import JointStateReader
+from denoc_ros.runtime.inputs.partial_joints import PartialJoints
 from denoc_ros.runtime.inputs.velocity_check import VelocityCheck
 from denoc_ros.runtime.loop.status import WARN, Status
 from denoc_ros.runtime.safety.motion_bounds import MotionBounds
@@ -32,6 +33,9 @@ class JointInput:
         As of :class:`VelocityCheck`.
     judges_effort : bool
         Whether an effort that does not continue the motion counts as wrong.
+    timeout : callable, optional
+        Returns how old the last message of a joint may be that comes in other messages [s];
+        default: all joints come in one message.
     """
 
     def __init__(
@@ -42,7 +46,10 @@ class JointInput:
         allow_extra: bool,
         rewinds: bool = False,
         judges_effort: bool = False,
+        timeout: Callable[[], float] | None = None,
     ) -> None:
+        self._parts = PartialJoints(joints, allow_extra, robot.joint_names)
+        self._timeout = timeout
         self._reader = JointStateReader(joints, allow_extra, robot.joint_names)
         self._bounds = bounds
         self._gate = joint_gate(robot, joints, judges_effort)
@@ -90,26 +97,44 @@ class JointInput:
         if self._is_reset:
             self._is_reset = False
             self._gate.reset()
+            self._parts.reset()
             check.reset()
-        reader.read(raw, with_effort=with_effort)
-        velocity = reader.velocity if reader.has_velocity else None
+        try:
+            reader.read(raw, with_effort=with_effort)
+        except InputError as error:
+            if error.cause != 'missing_joint' or self._timeout is None:
+                raise
+            if not self._parts.read(raw, now, self._timeout()):
+                return []
+            sample = self._joined(now, with_effort)
+        else:
+            sample = JointSample(
+                1e-9 * reader.stamp_ns if reader.stamp_ns else now,
+                reader.position,
+                reader.velocity if reader.has_velocity else None,
+                effort=reader.effort if reader.has_effort else None,
+                stamp_ns=reader.stamp_ns,
+                arrival=now,
+            )
         # Velocities that are not used may be beyond their bounds.
-        self._bounds.require(reader.position, None if check.reason else velocity)
-        monitor.accept(reader.stamp_ns, now)
-        sample = JointSample(
-            1e-9 * reader.stamp_ns if reader.stamp_ns else now,
-            reader.position,
-            velocity,
-            effort=reader.effort if reader.has_effort else None,
-            stamp_ns=reader.stamp_ns,
-            arrival=now,
-        )
+        self._bounds.require(sample.position, None if check.reason else sample.velocity)
+        monitor.accept(sample.stamp_ns, now)
         gate = self._gate
         passed = gate.offer(sample, partial(refuse, monitor))
         monitor.revise(len(passed))
         taken = [each for one in passed for each in check.take(one, gate.deviation)]
         gate.ignores_velocity = bool(check.reason)
         return taken
+
+    def _joined(self, now: float, with_effort: bool) -> JointSample:
+        """Return the state that messages of some joints each make."""
+        parts = self._parts
+        if with_effort and parts.effort is None:
+            raise InputError('missing_effort', 'effort must be given for each joint, got none')
+        time = 1e-9 * parts.stamp_ns if parts.stamp_ns else now
+        return JointSample(
+            time, parts.position, parts.velocity, None, parts.effort, parts.stamp_ns, now
+        )
 
     def status(self) -> Status:
         """Return the state of the joint states, with warnings for events since the last report."""

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from denoc_ros.estimation.turns import TURN
 from denoc_ros.model.tree import JointKind, Tree
@@ -57,16 +58,19 @@ def jumps_between(t: Array, q: Array, qd: Array | None) -> Flags:
     t : (k,) array
         Stamps [s].
     q, qd : (k, n) array
-        Positions, and rates; without rates the neighbouring steps take their place.
+        Positions, and rates; without rates the steps around take their place.
     """
-    steps = np.abs(np.diff(q, axis=0))
+    steps, intervals = np.abs(np.diff(q, axis=0)), np.diff(t)[:, None]
     if qd is not None:
         rates = np.abs(qd)
-        explained = np.maximum(rates[1:], rates[:-1]) * np.diff(t)[:, None]
+        fastest = np.maximum(rates[1:], rates[:-1])
     else:
-        around = np.pad(steps, ((1, 1), (0, 0)))
-        explained = np.maximum(around[2:], around[:-2])
-    jumps: Flags = steps > JUMP_FACTOR * explained + LEAST_JUMP
+        around = np.pad(steps / intervals, ((SAMPLE_ROWS, SAMPLE_ROWS), (0, 0)))
+        windows = sliding_window_view(around, 2 * SAMPLE_ROWS + 1, axis=0)
+        others = np.delete(windows, SAMPLE_ROWS, axis=-1)
+        # the fastest of them may be the way back from wild samples
+        fastest = np.partition(others, -2, axis=-1)[..., -2]
+    jumps: Flags = steps > JUMP_FACTOR * fastest * intervals + LEAST_JUMP
     return jumps
 
 
