@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 
@@ -49,18 +49,37 @@ class MeasuredMotion:
     period: float  # usual time between samples [s]
     smoothers: Mapping[float, LocalPolynomials]  # of the stamps, by cutoff
 
-    def disturbed(self, draw: np.random.Generator, times: float = 1.0) -> SmoothedMotion:
-        """Return the motion with noise of this size once more on top.
-
-        `times` as large; -1 is the same noise with the other sign.
-        """
-        own, shape = self.motion, self.motion.q.shape
-        position = times * self.position_noise * draw.standard_normal(shape)
-        velocity = times * self.velocity_noise * draw.standard_normal(shape)
+    def noise(self, draws: Sequence[np.random.Generator]) -> Iterator[SmoothedMotion]:
+        """Yield what noise of this size adds to the motion, once for each generator."""
+        shape = *self.motion.q.shape, len(draws)
         measured = bool((self.cutoffs[1] > 0.0).any())
-        given = velocity if measured else None
-        more = _smoothed(position, given, self.cutoffs, self.smoothers)
-        return SmoothedMotion(own.q + more.q, own.qd + more.qd, own.qdd + more.qdd)
+        drawn = [draw.standard_normal((2, *shape[:2])) for draw in draws]
+        position, velocity = np.stack(drawn, axis=-1)
+        position *= self.position_noise[:, None]
+        velocity *= self.velocity_noise[:, None]
+        found = np.zeros((3, *shape))
+        for cutoff, smoother in self.smoothers.items():
+            own, rates = self.cutoffs == cutoff
+            if own.any():
+                _smooth_noise(smoother, position, own, found[:1] if measured else found)
+            if measured and rates.any():
+                _smooth_noise(smoother, velocity, rates, found[1:])
+        return (SmoothedMotion(*rows) for rows in np.moveaxis(found, -1, 0))
+
+
+def _sum(motion: SmoothedMotion, noise: SmoothedMotion, times: float = 1.0) -> SmoothedMotion:
+    """Return a motion with so many times a noise on top."""
+    return SmoothedMotion(
+        motion.q + times * noise.q, motion.qd + times * noise.qd, motion.qdd + times * noise.qdd
+    )
+
+
+def _smooth_noise(smoother: LocalPolynomials, noise: Array, joints: Flags, found: Array) -> None:
+    """Write the smoothed noise (k, joints, draws) of some joints and its first derivatives."""
+    columns = noise[:, joints].reshape(len(noise), -1)
+    for derivative, target in enumerate(found):
+        smoothed = smoother.matrix(derivative) @ columns
+        target[:, joints] = smoothed.reshape(len(noise), -1, noise.shape[2])
 
 
 def measured_motion(t: Array, position: Array, velocity: Array | None) -> MeasuredMotion:
@@ -185,6 +204,7 @@ class PreparedRun:
         ]
         self._joints = joints
         self._low_pass = low_pass(t, self._cutoff)
+        self._low_pass_kept = self._low_pass[self._kept]
         self._effort = self._passed(without_spikes(recording.effort[:, joints]))
         self._unpowered = np.asarray((recording.effort[:, joints] == 0.0).all(axis=0), dtype=bool)
         self._balance = self._balanced(robot) if self.has_unpowered_joints else np.ones(0)
@@ -312,7 +332,7 @@ class PreparedRun:
         return passed
 
     def motion(
-        self, robot: Robot, until: float = 1.0, draw: np.random.Generator | None = None
+        self, robot: Robot, until: float = 1.0, noise: SmoothedMotion | None = None
     ) -> tuple[Array, Array]:
         """Return states (3, j, n) and torques (j, joints) of a robot on the recorded motion.
 
@@ -320,23 +340,43 @@ class PreparedRun:
         ----------
         until : float
             Part of the run's time that matters: what is behind it is not worked out.
-        draw : Generator, optional
-            Adds noise of the size that the joints' measurement has.
+        noise : SmoothedMotion, optional
+            Added to that of the joints.
         """
         replay = TorqueReplay(robot, self.recording.joints, step=self._step)
         t = self.recording.t
         last = int(np.searchsorted(t, t[0] + until * (t[-1] - t[0])))
         end = min(len(t), last + 2 * int(self._kept[0]) + 2)
-        measured = self._measured
-        whole = measured.motion if draw is None else measured.disturbed(draw)
-        return replay.states(*self._first(end, whole))
+        whole = self._measured.motion
+        return replay.states(*self._first(end, whole if noise is None else _sum(whole, noise)))
+
+    def noise(self, draws: Sequence[np.random.Generator]) -> Iterator[SmoothedMotion]:
+        """Yield noise of the size that the joints' measurement has, once for each generator."""
+        return self._measured.noise(draws)
 
     def shaken(self, draw: np.random.Generator, times: float) -> PreparedRun:
         """Return the run with noise of the joints' own size once more on their motion."""
         found = copy.copy(self)
-        motion = self._measured.disturbed(draw, times)
+        (noise,) = self.noise([draw])
+        motion = _sum(self._measured.motion, noise, times)
         found._measured = dataclasses.replace(self._measured, motion=motion)
         return found
+
+    def coarser(self, robot: Robot, every: int) -> PreparedRun:
+        """Return the run with one of so many samples and as much longer steps."""
+        if every <= 1:
+            return self
+        whole, rows = self.recording, slice(None, None, every)
+        thinned = dataclasses.replace(
+            whole,
+            t=whole.t[rows],
+            position=whole.position[rows],
+            effort=whole.effort[rows],
+            velocity=None if whole.velocity is None else whole.velocity[rows],
+            sensors={name: (t[rows], raw[rows]) for name, (t, raw) in whole.sensors.items()},
+            poses={name: (t[rows], raw[rows]) for name, (t, raw) in whole.poses.items()},
+        )
+        return PreparedRun(thinned, robot, self._cutoff, every * self._step)
 
     def residuals(
         self, robot: Robot, settings: SearchPoint, motion: tuple[Array, Array] | None = None
@@ -356,15 +396,17 @@ class PreparedRun:
         torques = torques[:, self._joints] + self._own_torque(robot, states, settings)
         torque[: len(torques)] = torques * self.gains(settings)
         torque += [settings.offsets.get(self.recording.joints[k], 0.0) for k in self._joints]
-        predicted = self._passed(torque)
         delay = settings.delays.get('effort', 0.0)
         if delay:
-            predicted = self._sensed.between(predicted, self.recording.t - delay)
+            whole = self._sensed.between(self._passed(torque), self.recording.t - delay)
+            predicted = whole[self._kept]
+        else:
+            predicted = self._low_pass_kept @ torque
         if self.has_unpowered_joints:
             # as many times as large, robot and residual alike would fit alike: held to one scale
             scale = self._balance / self._balanced(robot, len(states[0]))
             predicted = predicted * np.where(self._unpowered, scale, 1.0)
-        found = list((self._effort - predicted)[self._kept].T)
+        found = list((self._effort[self._kept] - predicted).T)
         return found + self._sensed.residuals(robot, states, settings)
 
     def _own_torque(self, robot: Robot, states: Array, settings: SearchPoint) -> Array:
@@ -398,7 +440,7 @@ class PreparedRun:
         q[:, index], qd[:, index], qdd[:, index] = motion.q, motion.qd, motion.qdd
         columns = robot.torque_regressor(q, qd, qdd, paths)
         found = [
-            self._low_pass[self._kept] @ (-gain * columns[:, index[joint]])
+            self._low_pass_kept @ (-gain * columns[:, index[joint]])
             for joint, gain in zip(self._joints, gains, strict=True)
         ]
         rest = sum(len(channel.t) for channel in self.channels[len(self._joints) :])

@@ -73,7 +73,6 @@ class ModelSearch:
         self.counts = np.array([len(channel.t) for _, channel in channels])
         self.whitening = Whitening(runs)
         self._channel = self.whitening.channel
-        self._is_followed = all(run.is_followed(parameters.robot) for run in runs)
         self.row_t = np.concatenate([channel.t for _, channel in channels])
         ends = [(run.recording.t[0], run.recording.t[-1]) for run, _ in channels]
         first, last = (np.repeat(np.array(side), self.counts) for side in zip(*ends, strict=True))
@@ -86,6 +85,7 @@ class ModelSearch:
         self._measured = np.concatenate([channel.value for _, channel in channels])
         self._least = QUIETEST * self._vector_sizes()
         self._simulated = SimulatedRuns(runs, parameters)
+        self._is_followed = self._simulated.is_followed
         self._drawn: tuple[bytes, Array] | None = None
         self._is_exact = False
 
@@ -278,7 +278,7 @@ class ModelSearch:
             self.whitening.deviation = self._least
         settings = self.parameters.settings(theta)
         robot, _ = self._simulated.moved(settings)
-        self.whitening.follow(robot, settings, self._simulated.linear_motions(settings))
+        self.whitening.follow(robot, settings, self._simulated.linear_motions(theta))
         deviation = self.deviation
         for _ in range(PASSES):
             self.whitening.weigh(deviation, residual)
@@ -407,8 +407,7 @@ class ModelSearch:
         """Effect of joint noise on the scores; None where no vibration is followed."""
         if not self._is_followed:
             return None
-        given = self.whitening, self._simulated, theta
-        return joint_noise(self._runs, self.parameters, *given)
+        return joint_noise(self.whitening, self._simulated, theta)
 
     def shaken(self, theta: Array, rows: NDArray[np.bool_]) -> Array:
         """Residual of each channel caused by joint noise over some rows, rms."""
@@ -421,20 +420,7 @@ class ModelSearch:
 
     def _by_joint_noise(self, theta: Array) -> Array:
         """Return changes of the residuals by noise of the joints, drawn anew (m, d)."""
-        if self._drawn is not None and self._drawn[0] == theta.tobytes():
-            return self._drawn[1]
-        settings, here = self.parameters.settings(theta), self.residuals(theta)
-        robot, _ = self._simulated.moved(settings)
-        found = np.empty((len(here), DRAWS))
-        for k in range(DRAWS):
-            draw = np.random.default_rng(k)
-            found[:, k] = np.concatenate(
-                [
-                    each
-                    for run in self._runs
-                    for each in run.residuals(robot, settings, run.motion(robot, draw=draw))
-                ]
-            )
-        self._simulated.evaluations += DRAWS
-        self._drawn = theta.tobytes(), found - here[:, None]
+        if self._drawn is None or self._drawn[0] != theta.tobytes():
+            draws = [np.random.default_rng(k) for k in range(DRAWS)]
+            self._drawn = theta.tobytes(), self._simulated.by_noise(theta, draws)
         return self._drawn[1]

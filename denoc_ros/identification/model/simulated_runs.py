@@ -33,10 +33,11 @@ class SimulatedRuns:
         edges = np.cumsum([0, *(sum(len(c.t) for c in run.channels) for run in runs)])
         self._rows = [slice(int(a), int(b)) for a, b in pairwise(edges)]
         self._count = int(edges[-1])
+        self.is_followed = all(run.is_followed(parameters.robot) for run in runs)
         self.until, self.evaluations = 1.0, 0
         self._last: tuple[bytes, float, Array] | None = None
         self._motions: tuple[object, Robot, list[Motion]] | None = None
-        self._nearby: tuple[object, list[NearbyMotion]] | None = None
+        self._nearby: tuple[float, Array, list[NearbyMotion]] | None = None
         self._kept: tuple[object, Array, Array] | None = None
 
     def residuals(self, theta: Array) -> Array:
@@ -74,14 +75,19 @@ class SimulatedRuns:
             self._motions = key, robot, [run.motion(robot, self.until) for run in self._runs]
         return self._motions[1:]
 
-    def linear_motions(self, settings: SearchPoint) -> list[NearbyMotion]:
-        """Return the linear models of the amplitudes about the motions of a point."""
-        robot, motions = self.moved(settings)
-        key = self._motions[0] if self._motions else None
-        if self._nearby is None or self._nearby[0] != key:
+    def linear_motions(self, theta: Array) -> list[NearbyMotion]:
+        """Return the linear models of the amplitudes about the motions of a point.
+
+        Those of a point nearby have the same coefficients.
+        """
+        robot, motions = self.moved(self.parameters.settings(theta))
+        kept = self._nearby
+        if kept is None or kept[0] != self.until or np.abs(theta - kept[1]).max() > NEARBY:
             pairs = zip(self._runs, motions, strict=True)
-            self._nearby = key, [run.nearby(robot, motion) for run, motion in pairs]
-        return self._nearby[1]
+            found = [run.nearby(robot, motion) for run, motion in pairs]
+            self._nearby = self.until, theta.copy(), found
+            return found
+        return [each.about(motion) for each, motion in zip(kept[2], motions, strict=True)]
 
     def slopes_by_run(self, theta: Array, places: Sequence[int]) -> Array:
         """Return derivatives of the residuals (m, c) by numbers that move nothing."""
@@ -90,7 +96,7 @@ class SimulatedRuns:
 
     def slopes_nearby(self, theta: Array, places: Sequence[int]) -> Array:
         """Return derivatives of the residuals (m, c), motions nearby by their linear model."""
-        nearby = self.linear_motions(self.parameters.settings(theta))
+        nearby = self.linear_motions(theta)
         return self._differences(theta, places, lambda robot: [each.of(robot) for each in nearby])
 
     def slopes(self, theta: Array, places: Sequence[int]) -> Array:
@@ -107,6 +113,34 @@ class SimulatedRuns:
             )
             self._kept = kept = key, theta.copy(), found
         return kept[2]
+
+    def by_noise(self, theta: Array, draws: Sequence[np.random.Generator]) -> Array:
+        """Return changes of the residuals (m, d) by noise of the joints from d generators.
+
+        Where links vibrate, the linear model of the amplitudes gives those of the motion.
+        """
+        here = self.residuals(theta)
+        settings = self.parameters.settings(theta)
+        robot, _ = self.moved(settings)
+        nearby = self.linear_motions(theta) if self.is_followed else []
+        self.evaluations += 0 if nearby else len(draws)
+        found = np.empty((len(here), len(draws)))
+        for k, (run, rows) in enumerate(zip(self._runs, self._rows, strict=True)):
+            for column, noise in enumerate(run.noise(draws)):
+                motion = (
+                    nearby[k].shaken(robot, noise)
+                    if nearby
+                    else run.motion(robot, self.until, noise)
+                )
+                found[rows, column] = np.concatenate(run.residuals(robot, settings, motion))
+        return found - here[:, None]
+
+    def shaken(self, theta: Array, draw: np.random.Generator, times: float) -> SimulatedRuns:
+        """Return runs whose joints have noise on top, with the linear models of these."""
+        self.linear_motions(theta)
+        found = SimulatedRuns([run.shaken(draw, times) for run in self._runs], self.parameters)
+        found.until, found._nearby = self.until, self._nearby
+        return found
 
     def _differences(
         self, theta: Array, places: Sequence[int], motions_of: Callable[[Robot], list[Motion]]

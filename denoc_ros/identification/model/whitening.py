@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from denoc_ros.dynamics.robot import Robot
-from denoc_ros.identification.model.free_parameters import FreeParameters, SearchPoint
+from denoc_ros.identification.model.free_parameters import SearchPoint
 from denoc_ros.identification.model.innovations import Innovations, LinkedRows, NearbyMotion
 from denoc_ros.identification.model.prediction import PreparedRun
 from denoc_ros.identification.model.robust import huber_residual, huber_slope
@@ -125,22 +125,17 @@ class JointNoise:
         return JointNoise(self.pulls @ numbers, numbers.T @ self.lost @ numbers)
 
 
-def joint_noise(
-    runs: Sequence[PreparedRun],
-    parameters: FreeParameters,
-    whitening: Whitening,
-    simulated: SimulatedRuns,
-    theta: Array,
-) -> JointNoise:
+def joint_noise(whitening: Whitening, simulated: SimulatedRuns, theta: Array) -> JointNoise:
     """Estimate the effect of joint noise on scores and information at theta (p,).
 
-    Noise comes in pairs of both signs: what is linear in it cancels.
+    Noise comes in pairs of both signs: what is linear in it cancels. Derivatives are those of the
+    linear model of the amplitudes, with noise and without.
     """
     scores, normal = _at(simulated, whitening, theta)
     pulls, added = np.zeros((PAIRS, len(theta))), np.zeros(normal.shape)
     for k in range(2 * PAIRS):
         draw = np.random.default_rng(k // 2)
-        shaken = SimulatedRuns([run.shaken(draw, 1.0 - 2.0 * (k % 2)) for run in runs], parameters)
+        shaken = simulated.shaken(theta, draw, 1.0 - 2.0 * (k % 2))
         more, slopes = _at(shaken, whitening, theta)
         pulls[k // 2] += 0.5 * (more - scores)
         added += (slopes - normal) / (2 * PAIRS)
@@ -152,7 +147,7 @@ def _at(simulated: SimulatedRuns, whitening: Whitening, theta: Array) -> tuple[A
     """Return scores (p,) and J^T J (p, p)."""
     whitened = whitening(simulated.residuals(theta))
     curve = huber_slope(whitened)
-    slopes = curve[:, None] * whitening(simulated.slopes(theta, range(len(theta))))
+    slopes = curve[:, None] * whitening(simulated.slopes_nearby(theta, range(len(theta))))
     return huber_residual(whitened) @ slopes, slopes.T @ slopes
 
 
