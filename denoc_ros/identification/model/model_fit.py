@@ -268,22 +268,23 @@ def _fitted(search: ModelSearch, held_out: float) -> IdentifiedModel:
     began = time.perf_counter()
     parameters = search.parameters
     zero = np.zeros(parameters.size)
-    start = zero
-    if held_out:
-        start = search.fit(zero, search.rows_before(1.0 - held_out), rough=True)
-    theta = search.fit(start, np.ones(len(search.row_t), dtype=bool), near=held_out > 0.0)
+    start = search.approach(zero, 1.0 - held_out)
+    theta = search.fit(start, np.ones(len(search.row_t), dtype=bool))
     judge = start if held_out else theta
     held = ~search.rows_before(1.0 - held_out)
-    fitted = [search.rms(each, ~held) for each in (zero, judge)]
-    judged = [search.rms(each, held) for each in (zero, judge)]
-    shaken = [search.shaken(theta, rows) for rows in (~held, held)]
+    # point by point: the motion of a point is worked out once
+    before = [search.rms(zero, rows) for rows in (~held, held)]
+    after = [search.rms(judge, rows) for rows in (~held, held)]
     unforeseen = [search.unforeseen(judge, rows) for rows in (~held, held)]
+    shaken = [search.shaken(theta, rows) for rows in (~held, held)]
     alone = search.alone(theta) if search.has_several_runs else np.ones(len(search.labels))
     sides = zip(
         search.sizes,
         search.louder(held),
-        *fitted,
-        *judged,
+        before[0],
+        after[0],
+        before[1],
+        after[1],
         *shaken,
         *unforeseen,
         alone,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import dataclasses
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -12,6 +11,7 @@ from functools import cache
 import numpy as np
 import scipy.sparse
 from numpy.typing import NDArray
+from scipy.linalg import eigvalsh
 
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import IdentificationError
@@ -33,6 +33,8 @@ FEWEST = 20  # samples that tell noise from motion
 PER_CUTOFF = 4.0  # samples of a smoothed channel that are kept, per period of the cutoff
 SMALL_CHANGE = 1e-6  # m or rad, and per s: of amplitudes, for differences
 QUIETEST = 0.35  # of a channel's noise by its differences: what a filter takes it for at least
+SAMPLED = 0.6  # rad between two samples of the fastest mode: enough to come near its frequency
+FEW = 1500  # samples of a run: of fewer each one counts
 REACH = 4.0  # standard deviations at which a Gaussian's tail is cut
 
 
@@ -67,11 +69,9 @@ class MeasuredMotion:
         return (SmoothedMotion(*rows) for rows in np.moveaxis(found, -1, 0))
 
 
-def _sum(motion: SmoothedMotion, noise: SmoothedMotion, times: float = 1.0) -> SmoothedMotion:
-    """Return a motion with so many times a noise on top."""
-    return SmoothedMotion(
-        motion.q + times * noise.q, motion.qd + times * noise.qd, motion.qdd + times * noise.qdd
-    )
+def _with_noise(motion: SmoothedMotion, noise: SmoothedMotion) -> SmoothedMotion:
+    """Return a motion with noise on top."""
+    return SmoothedMotion(motion.q + noise.q, motion.qd + noise.qd, motion.qdd + noise.qdd)
 
 
 def _smooth_noise(smoother: LocalPolynomials, noise: Array, joints: Flags, found: Array) -> None:
@@ -348,33 +348,31 @@ class PreparedRun:
         last = int(np.searchsorted(t, t[0] + until * (t[-1] - t[0])))
         end = min(len(t), last + 2 * int(self._kept[0]) + 2)
         whole = self._measured.motion
-        return replay.states(*self._first(end, whole if noise is None else _sum(whole, noise)))
+        return replay.states(*self._first(end, whole if noise is None else _with_noise(whole, noise)))
 
     def noise(self, draws: Sequence[np.random.Generator]) -> Iterator[SmoothedMotion]:
         """Yield noise of the size that the joints' measurement has, once for each generator."""
         return self._measured.noise(draws)
 
-    def shaken(self, draw: np.random.Generator, times: float) -> PreparedRun:
-        """Return the run with noise of the joints' own size once more on their motion."""
-        found = copy.copy(self)
-        (noise,) = self.noise([draw])
-        motion = _sum(self._measured.motion, noise, times)
-        found._measured = dataclasses.replace(self._measured, motion=motion)
-        return found
+    def spare_samples(self, robot: Robot) -> int:
+        """Return of how many joint samples one is enough to come near the numbers of a robot."""
+        period = float(np.median(np.diff(self.recording.t)))
+        fastest = max(_fastest_mode(robot, self._measured.motion.q[0], self.recording.joints), 1e-9)
+        most = FINEST / self._cutoff, SAMPLED / fastest, len(self.recording.t) * period / FEW
+        return max(1, int(min(most) / period))
 
     def coarser(self, robot: Robot, every: int) -> PreparedRun:
-        """Return the run with one of so many samples and as much longer steps."""
-        if every <= 1:
-            return self
-        whole, rows = self.recording, slice(None, None, every)
+        """Return the run with one of so many joint samples, and steps as much longer."""
+        whole = self.recording
+        rows = slice(None, None, every)
         thinned = dataclasses.replace(
             whole,
             t=whole.t[rows],
             position=whole.position[rows],
             effort=whole.effort[rows],
             velocity=None if whole.velocity is None else whole.velocity[rows],
-            sensors={name: (t[rows], raw[rows]) for name, (t, raw) in whole.sensors.items()},
-            poses={name: (t[rows], raw[rows]) for name, (t, raw) in whole.poses.items()},
+            sensors={name: _thinned(*own, every) for name, own in whole.sensors.items()},
+            poses={name: _thinned(*own, every) for name, own in whole.poses.items()},
         )
         return PreparedRun(thinned, robot, self._cutoff, every * self._step)
 
@@ -446,6 +444,20 @@ class PreparedRun:
         rest = sum(len(channel.t) for channel in self.channels[len(self._joints) :])
         slopes: Array = np.concatenate([*found, np.zeros((rest, len(paths)))])
         return slopes
+
+
+def _fastest_mode(robot: Robot, q: Array, joints: Sequence[str]) -> float:
+    """Return the largest natural frequency of the amplitudes with the joints at q [rad/s]."""
+    posture, free = np.zeros(robot.n), robot.flexible_indices
+    posture[robot.indices(joints)] = q
+    inertia = robot.inertia_matrix(posture)[np.ix_(free, free)]
+    return float(np.sqrt(eigvalsh(np.diag(robot.stiffness[free]), inertia)[-1]))
+
+
+def _thinned(t: Array, values: Array, every: int) -> tuple[Array, Array]:
+    """Return one of so many readings, more where they are few."""
+    rows = slice(None, None, max(1, min(every, len(t) // FEW)))
+    return t[rows], values[rows]
 
 
 def low_pass(t: Array, cutoff: float) -> scipy.sparse.csr_array:

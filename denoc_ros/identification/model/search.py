@@ -30,13 +30,11 @@ FINE = 1e-5  # the same of the last one
 ROUNDS = 12  # of weights by the residuals' own deviation
 # evaluations of a fit before weights are taken anew, and at most
 BETWEEN, MOST_EVALUATIONS = 5, 40
-LAST = 12  # the same of a fit by simulated derivatives
 STILL_CHANGE = 1e-4  # change of theta that needs no other round
 SETTLED = 0.03  # change of a deviation that needs no other round
 LOST = 1e6  # standard deviations that a robot which cannot be is off by
 GROWING = (0.08, 0.2, 0.45)  # parts of the runs that a flexible robot is first fitted to
 FEWEST_ROWS = 25  # of each channel in such a part
-SETTLING = 5  # fits by simulated derivatives, weights and filters taken anew where they end
 DRAWS = 24  # of the joints' noise, for the intervals
 ROUNDING = 1e-5  # of a channel's largest value: nothing that varies less is a signal
 QUIETEST = 1e-4  # of what a sensor measures: no channel is taken to be more exact
@@ -214,47 +212,72 @@ class ModelSearch:
         counts = np.bincount(self._channel[rows], minlength=len(rms))
         return float(counts @ np.log(rms) / counts.sum())
 
-    def fit(
-        self, theta: Array, rows: NDArray[np.bool_], near: bool = False, rough: bool = False
-    ) -> Array:
-        """Return the theta of the greatest likelihood over some rows.
-
-        Derivatives of a rough fit are those of the linear model of the amplitudes to the end: near
-        the sampling rate they are a quarter off, and a search by them ends beside its goal.
+    def approach(self, theta: Array, end: float) -> Array:
+        """Return a theta near the greatest likelihood over the runs up to a part of them.
 
         Flexible robots are fitted to the first part of each run before the whole: a mode that
-        rings at a wrong frequency is out of phase later on, and leads astray. A theta that is
-        near the greatest likelihood needs that no more.
+        rings at a wrong frequency is out of phase later on, and leads astray. Where runs have
+        more samples than that needs, fewer serve.
         """
-        grows = len(self.parameters.robot.flexible_indices) > 0 and not near
-        for part in GROWING if grows else ():
-            early = rows & self.rows_before(part)
+        robot, rows, parts = self.parameters.robot, self.rows_before(end), [*GROWING]
+        if not len(robot.flexible_indices):
+            return theta if end == 1.0 else self.fit(theta, rows, rough=True)
+        every = min(run.spare_samples(robot) for run in self._runs)
+        if every == 1 or not self._is_followed:
+            theta = self.grown(theta, [part for part in GROWING if part < end])
+            return theta if end == 1.0 else self.fit(theta, rows, rough=True)
+        runs = [run.coarser(robot, every) for run in self._runs]
+        coarse = ModelSearch(runs, self.parameters)
+        theta = coarse.grown(theta, [part for part in GROWING if part < end])
+        theta = coarse.fit(theta, coarse.rows_before(end), rough=True)
+        self._reweigh(theta, rows)
+        return theta + self._newton_step(theta, rows)
+
+    def _newton_step(self, theta: Array, rows: NDArray[np.bool_]) -> Array:
+        """Return the change of theta to the greatest likelihood over some rows, to first order."""
+        residual = self.whitened(theta)[rows]
+        weights = huber_slope(residual)
+        design = np.vstack([weights[:, None] * self.jacobian(theta)[rows], np.eye(len(theta)) / PRIOR])
+        wanted = np.concatenate([weights * residual, theta / PRIOR])
+        return np.asarray(-np.linalg.lstsq(design, wanted)[0])
+
+    def grown(self, theta: Array, parts: Sequence[float]) -> Array:
+        """Return the theta of the greatest likelihood over one part of the runs after the other."""
+        for part in parts:
+            early = self.rows_before(part)
             if not self._is_enough(early):
                 continue
             self._simulated.until = part
             self._reweigh(theta, early)
             theta = self._least_squares(theta, early, COARSE)
+        return theta
+
+    def fit(self, theta: Array, rows: NDArray[np.bool_], rough: bool = False) -> Array:
+        """Return the theta of the greatest likelihood over some rows, from one that is near.
+
+        Derivatives of a rough fit are those of the linear model of the amplitudes to the end: near
+        the sampling rate they are a quarter off, and a search by them ends beside its goal.
+        """
         self._simulated.until = 1.0 if rows.all() else float(self._part[rows].max())
         self._is_exact = False
         self._reweigh(theta, rows)
         for _ in range(ROUNDS):
             before, last = self.deviation.copy(), theta
-            theta = self._least_squares(theta, rows, COARSE, BETWEEN)
-            self._reweigh(theta, rows)
+            tolerance = FINE if self._is_exact else COARSE
+            theta = self._least_squares(theta, rows, tolerance, BETWEEN)
+            if self._is_followed:
+                moved = self.jacobian(theta) @ (theta - last)
+                is_still = bool(moved @ moved < len(theta))
+                if is_still and (rough or self._is_exact):
+                    return theta
+                self._is_exact = is_still
+            self._reweigh(theta, rows)  # what is white at one point is not far from it
+            if self._is_followed:
+                continue
             is_still = np.abs(theta - last).max() < STILL_CHANGE
             if is_still or np.nanmax(np.abs(self.deviation / before - 1.0)) < SETTLED:
                 break
-        self._is_exact = self._is_followed and not rough
-        if not self._is_exact:
-            return self._least_squares(theta, rows, FINE)
-        for _ in range(SETTLING):
-            before = theta
-            theta = self._least_squares(theta, rows, FINE, LAST)
-            moved = self.jacobian(theta) @ (theta - before)
-            if moved @ moved < len(theta):
-                break
-            self._reweigh(theta, rows)  # what is white at one point is not far from it
-        return theta
+        return self._least_squares(theta, rows, FINE)
 
     def _is_enough(self, rows: NDArray[np.bool_]) -> bool:
         """Say whether each channel has rows for a fit of its own."""

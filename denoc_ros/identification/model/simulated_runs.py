@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from itertools import pairwise
 
 import numpy as np
 
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import DenocError
+from denoc_ros.estimation.joint_motion import SmoothedMotion
 from denoc_ros.identification.model.free_parameters import FreeParameters, SearchPoint
 from denoc_ros.identification.model.innovations import Motion, NearbyMotion
 from denoc_ros.identification.model.prediction import PreparedRun
@@ -16,7 +17,8 @@ from denoc_ros.model.tree import RigidInertia
 from denoc_ros.types import Array
 
 STEP = 1e-4  # of the differences by theta
-NEARBY = 0.01  # of theta: derivatives of a point this near serve as well
+NEARBY = 0.01  # of theta: the linear model of a point this near has the same coefficients
+SAME_BEYOND = 0.3  # of theta: so near, simulated derivatives differ alike from linear ones
 
 
 class SimulatedRuns:
@@ -38,7 +40,8 @@ class SimulatedRuns:
         self._last: tuple[bytes, float, Array] | None = None
         self._motions: tuple[object, Robot, list[Motion]] | None = None
         self._nearby: tuple[float, Array, list[NearbyMotion]] | None = None
-        self._kept: tuple[object, Array, Array] | None = None
+        self._slopes: tuple[object, Array] | None = None
+        self._beyond: tuple[object, Array, Array] | None = None
 
     def residuals(self, theta: Array) -> Array:
         """Return all residuals in the units of their channels; not finite: no such robot."""
@@ -96,23 +99,30 @@ class SimulatedRuns:
 
     def slopes_nearby(self, theta: Array, places: Sequence[int]) -> Array:
         """Return derivatives of the residuals (m, c), motions nearby by their linear model."""
-        nearby = self.linear_motions(theta)
-        return self._differences(theta, places, lambda robot: [each.of(robot) for each in nearby])
+        key = tuple(places), self.until, theta.tobytes()
+        if self._slopes is None or self._slopes[0] != key:
+            nearby = self.linear_motions(theta)
+            found = self._differences(
+                theta, places, lambda robot: [each.of(robot) for each in nearby]
+            )
+            self._slopes = key, found
+        return self._slopes[1]
 
     def slopes(self, theta: Array, places: Sequence[int]) -> Array:
-        """Return derivatives of the residuals (m, c), each by a simulation of its own.
+        """Return derivatives of the residuals (m, c) as simulations have them.
 
-        Those of a point nearby serve as well.
+        Those of the linear model come near; what simulations of all columns at a point have
+        beyond them changes little, and serves at others as well.
         """
-        key = (tuple(places), self.until)
-        kept = self._kept
-        if kept is None or kept[0] != key or np.abs(theta - kept[1]).max() > NEARBY:
+        linear = self.slopes_nearby(theta, places)
+        key, kept = (tuple(places), self.until), self._beyond
+        if kept is None or kept[0] != key or np.abs(theta - kept[1]).max() > SAME_BEYOND:
             self.evaluations += int(self.parameters.moves_robot[list(places)].sum())
             found = self._differences(
                 theta, places, lambda robot: [run.motion(robot, self.until) for run in self._runs]
             )
-            self._kept = kept = key, theta.copy(), found
-        return kept[2]
+            self._beyond = kept = key, theta.copy(), found - linear
+        return np.asarray(linear + kept[2])
 
     def by_noise(self, theta: Array, draws: Sequence[np.random.Generator]) -> Array:
         """Return changes of the residuals (m, d) by noise of the joints from d generators.
@@ -135,12 +145,26 @@ class SimulatedRuns:
                 found[rows, column] = np.concatenate(run.residuals(robot, settings, motion))
         return found - here[:, None]
 
-    def shaken(self, theta: Array, draw: np.random.Generator, times: float) -> SimulatedRuns:
-        """Return runs whose joints have noise on top, with the linear models of these."""
-        self.linear_motions(theta)
-        found = SimulatedRuns([run.shaken(draw, times) for run in self._runs], self.parameters)
-        found.until, found._nearby = self.until, self._nearby
-        return found
+    def shaken(self, theta: Array, draw: np.random.Generator) -> Iterator[SimulatedRuns]:
+        """Yield runs whose joints have noise on top, and those that have it with the other sign.
+
+        Their motions and linear models at a point are ready; they serve no other point.
+        """
+        nearby, noises = self.linear_motions(theta), []
+        for run in self._runs:
+            noises += run.noise([draw])
+        assert self._motions is not None
+        key, robot, _ = self._motions
+        for sign in (1.0, -1.0):
+            found = SimulatedRuns(self._runs, self.parameters)
+            moved = []
+            for each, n in zip(nearby, noises, strict=True):
+                noise = SmoothedMotion(sign * n.q, sign * n.qd, sign * n.qdd)
+                # What is linear in noise cancels: the rest needs the motion to second order.
+                moved.append(each.about(each.shaken(robot, noise)).of(robot))
+            found.until, found._motions = self.until, (key, robot, moved)
+            found._nearby = self._nearby
+            yield found
 
     def _differences(
         self, theta: Array, places: Sequence[int], motions_of: Callable[[Robot], list[Motion]]
@@ -149,10 +173,12 @@ class SimulatedRuns:
         here = self.residuals(theta)
         settings = self.parameters.settings(theta)
         robot, motions = self.moved(settings)
-        found = np.empty((len(here), len(places)))
-        of_robot = self.parameters.moves_robot
+        found = np.zeros((len(here), len(places)))
+        of_robot, is_searched = self.parameters.moves_robot, self.parameters.is_searched
         # what moves nothing first: it shares what sensors see of the motion here
         for column, k in sorted(enumerate(places), key=lambda each: bool(of_robot[each[1]])):
+            if not is_searched[k]:
+                continue
             change = np.zeros(self.parameters.size)
             change[k] = STEP
             point = self.parameters.settings(theta + change)
@@ -162,7 +188,6 @@ class SimulatedRuns:
                 moved = self.parameters.robot_at(moving)
                 those = motions_of(moved)
             own = self.parameters.runs[k]
-            found[:, column] = 0.0
             for run, motion, rows in zip(self._runs, those, self._rows, strict=True):
                 if own in ('', run.name):
                     there = np.concatenate(run.residuals(moved, point, motion))

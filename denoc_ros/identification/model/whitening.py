@@ -53,8 +53,15 @@ class Whitening:
 
     def follow(self, robot: Robot, settings: SearchPoint, nearby: Sequence[NearbyMotion]) -> None:
         """Follow the vibration about these motions from now on; none: about no motion."""
+        before = {id(motion.transitions): rows for _, motion, rows, _ in self._linked}
         self._linked = [
-            (run, motion, run.linked_rows(robot, settings, motion), run.rate_noise(robot))
+            (
+                run,
+                motion,
+                # the same linear model: rows hang on its states as before
+                before.get(id(motion.transitions)) or run.linked_rows(robot, settings, motion),
+                run.rate_noise(robot),
+            )
             for run, motion in zip(self._runs, nearby, strict=False)
         ]
         self._filters, self._whitened = [], None
@@ -133,13 +140,11 @@ def joint_noise(whitening: Whitening, simulated: SimulatedRuns, theta: Array) ->
     """
     scores, normal = _at(simulated, whitening, theta)
     pulls, added = np.zeros((PAIRS, len(theta))), np.zeros(normal.shape)
-    for k in range(2 * PAIRS):
-        draw = np.random.default_rng(k // 2)
-        shaken = simulated.shaken(theta, draw, 1.0 - 2.0 * (k % 2))
-        more, slopes = _at(shaken, whitening, theta)
-        pulls[k // 2] += 0.5 * (more - scores)
-        added += (slopes - normal) / (2 * PAIRS)
-        simulated.evaluations += shaken.evaluations
+    for k in range(PAIRS):
+        for shaken in simulated.shaken(theta, np.random.default_rng(k)):
+            more, slopes = _at(shaken, whitening, theta)
+            pulls[k] += 0.5 * (more - scores)
+            added += (slopes - normal) / (2 * PAIRS)
     return JointNoise(pulls, bounded(added, normal))
 
 
