@@ -268,15 +268,17 @@ def _fitted(search: ModelSearch, held_out: float) -> IdentifiedModel:
     began = time.perf_counter()
     parameters = search.parameters
     zero = np.zeros(parameters.size)
-    start = search.approach(zero, 1.0 - held_out)
-    theta = search.fit(start, np.ones(len(search.row_t), dtype=bool))
-    judge = start if held_out else theta
     held = ~search.rows_before(1.0 - held_out)
-    # point by point: the motion of a point is worked out once
-    before = [search.rms(zero, rows) for rows in (~held, held)]
-    after = [search.rms(judge, rows) for rows in (~held, held)]
-    unforeseen = [search.unforeseen(judge, rows) for rows in (~held, held)]
-    shaken = [search.shaken(theta, rows) for rows in (~held, held)]
+    parts = ~held, held
+    before = search.rms(search.whole_residuals(zero), parts)
+    start = search.approach(zero, 1.0 - held_out)
+    # The fit begins with the motion that judges it, and ends with the one that noise is put on.
+    judge = search.whole_residuals(start)
+    theta = search.fit(start, np.ones(len(search.row_t), dtype=bool))
+    if not held_out:
+        judge = search.residuals(theta)
+    after, unforeseen = search.rms(judge, parts), search.rms(search.whitening(judge), parts)
+    shaken = [search.shaken(theta, rows) for rows in parts]
     alone = search.alone(theta) if search.has_several_runs else np.ones(len(search.labels))
     sides = zip(
         search.sizes,

@@ -354,12 +354,19 @@ class PreparedRun:
         """Yield noise of the size that the joints' measurement has, once for each generator."""
         return self._measured.noise(draws)
 
+    def fastest_angle(self, robot: Robot) -> float:
+        """Return the angle of the fastest mode of the amplitudes between two samples [rad]."""
+        posture, free = np.zeros(robot.n), robot.flexible_indices
+        posture[robot.indices(self.recording.joints)] = self._measured.motion.q[0]
+        inertia = robot.inertia_matrix(posture)[np.ix_(free, free)]
+        square = eigvalsh(np.diag(robot.stiffness[free]), inertia)[-1]
+        return float(np.sqrt(square)) * self._measured.period
+
     def spare_samples(self, robot: Robot) -> int:
         """Return of how many joint samples one is enough to come near the numbers of a robot."""
-        period = float(np.median(np.diff(self.recording.t)))
-        fastest = max(_fastest_mode(robot, self._measured.motion.q[0], self.recording.joints), 1e-9)
-        most = FINEST / self._cutoff, SAMPLED / fastest, len(self.recording.t) * period / FEW
-        return max(1, int(min(most) / period))
+        by_cutoff = FINEST / (self._cutoff * self._measured.period)
+        by_mode = SAMPLED / max(self.fastest_angle(robot), 1e-9)
+        return max(1, int(min(by_cutoff, by_mode, len(self.recording.t) / FEW)))
 
     def coarser(self, robot: Robot, every: int) -> PreparedRun:
         """Return the run with one of so many joint samples, and steps as much longer."""
@@ -444,14 +451,6 @@ class PreparedRun:
         rest = sum(len(channel.t) for channel in self.channels[len(self._joints) :])
         slopes: Array = np.concatenate([*found, np.zeros((rest, len(paths)))])
         return slopes
-
-
-def _fastest_mode(robot: Robot, q: Array, joints: Sequence[str]) -> float:
-    """Return the largest natural frequency of the amplitudes with the joints at q [rad/s]."""
-    posture, free = np.zeros(robot.n), robot.flexible_indices
-    posture[robot.indices(joints)] = q
-    inertia = robot.inertia_matrix(posture)[np.ix_(free, free)]
-    return float(np.sqrt(eigvalsh(np.diag(robot.stiffness[free]), inertia)[-1]))
 
 
 def _thinned(t: Array, values: Array, every: int) -> tuple[Array, Array]:

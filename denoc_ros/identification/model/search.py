@@ -30,6 +30,12 @@ FINE = 1e-5  # the same of the last one
 ROUNDS = 12  # of weights by the residuals' own deviation
 # evaluations of a fit before weights are taken anew, and at most
 BETWEEN, MOST_EVALUATIONS = 5, 40
+# of theta: a step from a point that fewer samples gave, from which no other step is needed, and
+# how many there are at most
+SHORT_STEP, FEW_STEPS = 0.3, 4
+# rad of the fastest mode between two samples, up to which derivatives by the linear model of the
+# amplitudes move numbers by less than a hundredth of their intervals
+LINEAR_ANGLE = 0.2
 STILL_CHANGE = 1e-4  # change of theta that needs no other round
 SETTLED = 0.03  # change of a deviation that needs no other round
 LOST = 1e6  # standard deviations that a robot which cannot be is off by
@@ -85,6 +91,8 @@ class ModelSearch:
         self._simulated = SimulatedRuns(runs, parameters)
         self._is_followed = self._simulated.is_followed
         self._drawn: tuple[bytes, Array] | None = None
+        angles = [run.fastest_angle(parameters.robot) for run in runs if self._is_followed]
+        self._is_fast = max(angles, default=0.0) > LINEAR_ANGLE
         self._is_exact = False
 
     @property
@@ -136,12 +144,17 @@ class ModelSearch:
         """Return all residuals in the units of their channels; not finite: no such robot."""
         return self._simulated.residuals(theta)
 
-    def rms(self, theta: Array, rows: NDArray[np.bool_]) -> Array:
-        """Return the rms of each channel's residuals over some rows, NaN where it has none.
+    def whole_residuals(self, theta: Array) -> Array:
+        """Return the same over whole runs, whatever part of them was fitted last."""
+        self._simulated.until = 1.0
+        return self.residuals(theta)
 
-        Wild values are held to a bound that no vibration reaches.
+    def rms(self, residuals: Array, parts: Sequence[NDArray[np.bool_]]) -> list[Array]:
+        """Return the rms of each channel's residuals (m,) over parts of the rows.
+
+        It is NaN where a part has none. Wild values are held to a bound that no vibration reaches.
         """
-        return self._by_channel(self.residuals(theta), rows, held_rms)
+        return [self._by_channel(residuals, rows, held_rms) for rows in parts]
 
     def _by_channel(
         self, values: Array, rows: NDArray[np.bool_], statistic: Callable[[Array], Any]
@@ -230,15 +243,28 @@ class ModelSearch:
         coarse = ModelSearch(runs, self.parameters)
         theta = coarse.grown(theta, [part for part in GROWING if part < end])
         theta = coarse.fit(theta, coarse.rows_before(end), rough=True)
-        self._reweigh(theta, rows)
-        return theta + self._newton_step(theta, rows)
+        for _ in range(FEW_STEPS):
+            self._reweigh(theta, rows)
+            step = self._newton_step(theta, rows)
+            theta = theta + step
+            if np.abs(step).max() < SHORT_STEP:
+                break
+        return theta
 
-    def _newton_step(self, theta: Array, rows: NDArray[np.bool_]) -> Array:
-        """Return the change of theta to the greatest likelihood over some rows, to first order."""
+    def _newton_step(
+        self, theta: Array, rows: NDArray[np.bool_], prior: Array | None = None
+    ) -> Array:
+        """Return the change of theta to the greatest likelihood over some rows, to first order.
+
+        The prior (p,) is about 0, or beside theta by other than that.
+        """
         residual = self.whitened(theta)[rows]
         weights = huber_slope(residual)
-        design = np.vstack([weights[:, None] * self.jacobian(theta)[rows], np.eye(len(theta)) / PRIOR])
-        wanted = np.concatenate([weights * residual, theta / PRIOR])
+        slopes = weights[:, None] * self.jacobian(theta)[rows]
+        design = np.concatenate([slopes, np.eye(len(theta)) / PRIOR])
+        wanted = np.concatenate(
+            [weights * residual, (theta if prior is None else prior) / PRIOR]
+        )
         return np.asarray(-np.linalg.lstsq(design, wanted)[0])
 
     def grown(self, theta: Array, parts: Sequence[float]) -> Array:
@@ -255,29 +281,41 @@ class ModelSearch:
     def fit(self, theta: Array, rows: NDArray[np.bool_], rough: bool = False) -> Array:
         """Return the theta of the greatest likelihood over some rows, from one that is near.
 
-        Derivatives of a rough fit are those of the linear model of the amplitudes to the end: near
-        the sampling rate they are a quarter off, and a search by them ends beside its goal.
+        A rough fit ends where another would move the numbers by less than their noise does.
         """
         self._simulated.until = 1.0 if rows.all() else float(self._part[rows].max())
         self._is_exact = False
         self._reweigh(theta, rows)
+        if self._is_followed:
+            return self._fit_followed(theta, rows, rough)
         for _ in range(ROUNDS):
             before, last = self.deviation.copy(), theta
-            tolerance = FINE if self._is_exact else COARSE
-            theta = self._least_squares(theta, rows, tolerance, BETWEEN)
-            if self._is_followed:
-                moved = self.jacobian(theta) @ (theta - last)
-                is_still = bool(moved @ moved < len(theta))
-                if is_still and (rough or self._is_exact):
-                    return theta
-                self._is_exact = is_still
-            self._reweigh(theta, rows)  # what is white at one point is not far from it
-            if self._is_followed:
-                continue
+            theta = self._least_squares(theta, rows, COARSE, BETWEEN)
+            self._reweigh(theta, rows)
             is_still = np.abs(theta - last).max() < STILL_CHANGE
             if is_still or np.nanmax(np.abs(self.deviation / before - 1.0)) < SETTLED:
                 break
         return self._least_squares(theta, rows, FINE)
+
+    def _fit_followed(self, theta: Array, rows: NDArray[np.bool_], rough: bool) -> Array:
+        """Return the same where filters follow the vibration: they are made anew where it moves.
+
+        Derivatives by the linear model of the amplitudes are a quarter off near the sampling
+        rate, and a search by them ends beside its goal: there it ends by simulated ones.
+        """
+        for _ in range(ROUNDS):
+            last = theta
+            theta = self._least_squares(theta, rows, FINE if self._is_exact else COARSE, BETWEEN)
+            moved = self.jacobian(theta) @ (theta - last)
+            if moved @ moved < len(theta):
+                if rough or self._is_exact:
+                    return theta
+                self._is_exact = self._is_fast
+                if not self._is_exact:
+                    self._reweigh(theta, rows)
+                    return self._least_squares(theta, rows, FINE)
+            self._reweigh(theta, rows)  # what is white at one point is not far from it
+        return theta
 
     def _is_enough(self, rows: NDArray[np.bool_]) -> bool:
         """Say whether each channel has rows for a fit of its own."""
@@ -389,14 +427,9 @@ class ModelSearch:
         residual, jacobian = self.whitened(theta), self.jacobian(theta)
         left = residual.copy()
         run_of = np.array([run for run, _, _ in self.labels])
-        prior = np.eye(len(theta)) / PRIOR
         for run in dict.fromkeys(run_of):
             rows = (run_of == run)[self._channel]
-            weights = huber_slope(residual[rows])
-            design = np.vstack([weights[:, None] * jacobian[rows], prior])
-            wanted = np.concatenate([weights * residual[rows], np.zeros(len(theta))])
-            change = np.linalg.lstsq(design, wanted)[0]
-            left[rows] -= jacobian[rows] @ change
+            left[rows] += jacobian[rows] @ self._newton_step(theta, rows, np.zeros(len(theta)))
         every = np.ones(len(residual), dtype=bool)
         sides = [self._by_channel(each, every, held_rms) for each in (left, residual)]
         return np.asarray(np.minimum(sides[0] / np.maximum(sides[1], 1e-300), 1.0))
@@ -436,10 +469,6 @@ class ModelSearch:
         """Residual of each channel caused by joint noise over some rows, rms."""
         square = np.mean(self._by_joint_noise(theta) ** 2, axis=1)
         return self._by_channel(square, rows, lambda x: np.sqrt(np.mean(x)))
-
-    def unforeseen(self, theta: Array, rows: NDArray[np.bool_]) -> Array:
-        """Return the rms of each channel's residuals in their deviations, over some rows."""
-        return self._by_channel(self.whitened(theta), rows, held_rms)
 
     def _by_joint_noise(self, theta: Array) -> Array:
         """Return changes of the residuals by noise of the joints, drawn anew (m, d)."""

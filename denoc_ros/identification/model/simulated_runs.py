@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -17,7 +17,7 @@ from denoc_ros.model.tree import RigidInertia
 from denoc_ros.types import Array
 
 STEP = 1e-4  # of the differences by theta
-NEARBY = 0.01  # of theta: the linear model of a point this near has the same coefficients
+NEARBY = 0.03  # of theta: the linear model of a point this near has the same coefficients
 SAME_BEYOND = 0.3  # of theta: so near, simulated derivatives differ alike from linear ones
 
 
@@ -136,35 +136,37 @@ class SimulatedRuns:
         self.evaluations += 0 if nearby else len(draws)
         found = np.empty((len(here), len(draws)))
         for k, (run, rows) in enumerate(zip(self._runs, self._rows, strict=True)):
-            for column, noise in enumerate(run.noise(draws)):
-                motion = (
-                    nearby[k].shaken(robot, noise)
-                    if nearby
-                    else run.motion(robot, self.until, noise)
-                )
+            noises = list(run.noise(draws))
+            motions = (
+                nearby[k].shaken(robot, noises)
+                if nearby
+                else (run.motion(robot, self.until, noise) for noise in noises)
+            )
+            for column, motion in enumerate(motions):
                 found[rows, column] = np.concatenate(run.residuals(robot, settings, motion))
         return found - here[:, None]
 
-    def shaken(self, theta: Array, draw: np.random.Generator) -> Iterator[SimulatedRuns]:
-        """Yield runs whose joints have noise on top, and those that have it with the other sign.
+    def shaken(
+        self, theta: Array, draw: np.random.Generator
+    ) -> tuple[SimulatedRuns, SimulatedRuns]:
+        """Return runs whose joints have noise on top, and those that have it with the other sign.
 
         Their motions and linear models at a point are ready; they serve no other point.
         """
-        nearby, noises = self.linear_motions(theta), []
-        for run in self._runs:
-            noises += run.noise([draw])
+        nearby = self.linear_motions(theta)
         assert self._motions is not None
         key, robot, _ = self._motions
-        for sign in (1.0, -1.0):
-            found = SimulatedRuns(self._runs, self.parameters)
-            moved = []
-            for each, n in zip(nearby, noises, strict=True):
-                noise = SmoothedMotion(sign * n.q, sign * n.qd, sign * n.qdd)
+        pair = SimulatedRuns(self._runs, self.parameters), SimulatedRuns(self._runs, self.parameters)
+        moved: tuple[list[Motion], list[Motion]] = [], []
+        for run, own in zip(self._runs, nearby, strict=True):
+            (forth,) = run.noise([draw])
+            back = SmoothedMotion(-forth.q, -forth.qd, -forth.qdd)
+            for motions, motion in zip(moved, own.shaken(robot, [forth, back]), strict=True):
                 # What is linear in noise cancels: the rest needs the motion to second order.
-                moved.append(each.about(each.shaken(robot, noise)).of(robot))
-            found.until, found._motions = self.until, (key, robot, moved)
-            found._nearby = self._nearby
-            yield found
+                motions.append(own.about(motion).of(robot))
+        for runs, motions in zip(pair, moved, strict=True):
+            runs.until, runs._nearby, runs._motions = self.until, self._nearby, (key, robot, motions)
+        return pair
 
     def _differences(
         self, theta: Array, places: Sequence[int], motions_of: Callable[[Robot], list[Motion]]

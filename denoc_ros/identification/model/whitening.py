@@ -136,24 +136,32 @@ def joint_noise(whitening: Whitening, simulated: SimulatedRuns, theta: Array) ->
     """Estimate the effect of joint noise on scores and information at theta (p,).
 
     Noise comes in pairs of both signs: what is linear in it cancels. Derivatives are those of the
-    linear model of the amplitudes, with noise and without.
+    linear model of the amplitudes; with one sign they change by as much as with the other.
     """
-    scores, normal = _at(simulated, whitening, theta)
+    here = _slopes(whitening, simulated, theta)
+    scores, normal = _at(whitening, simulated, theta, here)
     pulls, added = np.zeros((PAIRS, len(theta))), np.zeros(normal.shape)
     for k in range(PAIRS):
-        for shaken in simulated.shaken(theta, np.random.default_rng(k)):
-            more, slopes = _at(shaken, whitening, theta)
+        pair = simulated.shaken(theta, np.random.default_rng(k))
+        forth = _slopes(whitening, pair[0], theta)
+        for shaken, slopes in zip(pair, (forth, 2.0 * here - forth), strict=True):
+            more, square = _at(whitening, shaken, theta, slopes)
             pulls[k] += 0.5 * (more - scores)
-            added += (slopes - normal) / (2 * PAIRS)
+            added += (square - normal) / (2 * PAIRS)
     return JointNoise(pulls, bounded(added, normal))
 
 
-def _at(simulated: SimulatedRuns, whitening: Whitening, theta: Array) -> tuple[Array, Array]:
-    """Return scores (p,) and J^T J (p, p)."""
+def _slopes(whitening: Whitening, simulated: SimulatedRuns, theta: Array) -> Array:
+    return whitening(simulated.slopes_nearby(theta, range(len(theta))))
+
+
+def _at(
+    whitening: Whitening, simulated: SimulatedRuns, theta: Array, slopes: Array
+) -> tuple[Array, Array]:
+    """Return scores (p,) and J^T J (p, p) of whitened derivatives (m, p)."""
     whitened = whitening(simulated.residuals(theta))
-    curve = huber_slope(whitened)
-    slopes = curve[:, None] * whitening(simulated.slopes_nearby(theta, range(len(theta))))
-    return huber_residual(whitened) @ slopes, slopes.T @ slopes
+    weighted = huber_slope(whitened)[:, None] * slopes
+    return huber_residual(whitened) @ weighted, weighted.T @ weighted
 
 
 def bounded(added: Array, normal: Array) -> Array:
