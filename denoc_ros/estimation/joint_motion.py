@@ -145,7 +145,6 @@ class LocalPolynomials:
         coefficients = self._weights @ (y[self._rows] - origin[:, None, :])
         return _derivatives(coefficients, origin, self._scale)
 
-
     def matrix(self, derivative: int) -> scipy.sparse.csr_array:
         """Return the filter (k, k) of samples near 0: 0 values, 1 first or 2 second derivatives.
 

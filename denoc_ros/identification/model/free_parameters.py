@@ -170,7 +170,7 @@ PRIOR = 0.5
 KINDS = ('beam.', 'joint.', 'payload.', 'link.', 'sensor.', 'effort.', 'pose.', 'delay.')
 ROUNDING = 1e-9  # of a pseudo-inertia: what arithmetic leaves of an exact zero
 STEP = 1e-6  # of theta, for derivatives of numbers
-CHANGE = 1e-2  # of theta, by which numbers without effect show
+CHANGE = 1e-3  # of theta, by which numbers without effect show
 # of readings, by a number's size: joint axes that are rounded to 1e-5 rad show no more
 LEAST_EFFECT = 1e-5
 SMALLEST = 1e-6  # of a body's pseudo-inertia: point masses and flat plates get so much
@@ -341,9 +341,10 @@ class FreeParameters:
         Numbers of sensors, of measured effort and of friction always do.
         """
         zero, places = np.zeros(self.size), np.flatnonzero(self.moves_robot)
-        points = (self.settings(CHANGE * row) for row in np.eye(self.size)[places])
-        here = self.robot_at(self.settings(zero))
-        by_theta = reading_changes(here, map(self.robot_at, points)) / CHANGE
+        steps = [side * CHANGE * np.eye(self.size)[k] for k in places for side in (1.0, -1.0)]
+        sides = [self.robot_at(self.settings(step)) for step in steps]
+        changes = reading_changes(self.robot_at(self.settings(zero)), sides)
+        by_theta = (changes[:, ::2] - changes[:, 1::2]) / (2.0 * CHANGE)
         by_numbers = by_theta @ np.linalg.inv(self.slopes(zero)[np.ix_(places, places)])
         effect = np.abs(by_numbers * self.scales(zero)[places]).max(axis=0, initial=0.0)
         found = np.ones(self.size, dtype=bool)

@@ -123,9 +123,12 @@ class NearbyMotion:
         )
         h = np.diff(self._t)[:, None, None]
         mean, slope = connecting_acceleration(h, q[:-1], qd[:-1], q[1:], qd[1:])
-        there = by.dqdd_dq[:, :, index] @ q + by.dqdd_dqd[:, :, index] @ qd
-        early = there[:-1] + self.by_joints[:-1] @ (mean - 0.5 * h * slope)
-        late = there[1:] + self.by_joints[1:] @ (mean + 0.5 * h * slope)
+        by_rates = by.dqdd_dqd[:, :, index]
+        there = by.dqdd_dq[:, :, index] @ q + by_rates @ qd
+        # Rates between two stamps are off a line through theirs, by this in the mean.
+        off = np.diff(q, axis=0) / h - 0.5 * (qd[:-1] + qd[1:])
+        early = there[:-1] + self.by_joints[:-1] @ (mean - 0.5 * h * slope) + by_rates[:-1] @ off
+        late = there[1:] + self.by_joints[1:] @ (mean + 0.5 * h * slope) + by_rates[1:] @ off
         pushed = self._early @ early + self._late @ late
         force = by.dtau_dq[:, :, index] @ q + by.dtau_dqd[:, :, index] @ qd
         force = self._ties.T @ (force + by.dtau_dqdd @ qdd)
@@ -166,7 +169,7 @@ class NearbyMotion:
         """Return by how much equilibria at the starts differ from the amplitudes (starts, f)."""
         rows = np.flatnonzero(self.starts)
         still = [robot.static_deflection(q[k, self._index])[self.free] for k in rows]
-        return np.array(still) - self.motion[0][0][np.ix_(rows, self.free)]
+        return np.asarray(np.array(still) - self.motion[0][0][np.ix_(rows, self.free)])
 
     def _response(self, pushed: Array, equilibria: Array) -> Array:
         """Return changes of amplitudes and rates (k, 2f).

@@ -21,6 +21,7 @@ from denoc_ros.errors import IdentificationError
 from denoc_ros.identification.model.free_parameters import PRIOR, FreeParameters
 from denoc_ros.identification.model.information import (
     NOT_TOLD,
+    VERDICTS,
     combinations,
     interval_ends,
     verdict_of,
@@ -110,6 +111,9 @@ class IdentifiedModel:
     seconds : float
     evaluations : int
         Of the model along all recordings.
+    without_effect : tuple of str
+        Paths that no measurement of the robot depends on, whatever the motion: across the plane
+        of a planar robot. They are not identifiable, and count in no verdict of the whole.
     """
 
     values: dict[str, float]
@@ -125,6 +129,13 @@ class IdentifiedModel:
     robot: Robot
     seconds: float
     evaluations: int
+    without_effect: tuple[str, ...] = ()
+
+    @property
+    def whole_verdict(self) -> str:
+        """The worst verdict of the numbers that a measurement of the robot can depend on."""
+        given = [v for path, v in self.verdict.items() if path not in self.without_effect]
+        return max(given, key=VERDICTS.index, default=NOT_TOLD)
 
 
 def identify_model(
@@ -352,7 +363,7 @@ def _concluded(
         {p: (float(a), float(b)) for p, a, b in zip(parameters.paths, low, high, strict=True)},
         _by_path(parameters, sizes),
         dict(zip(parameters.paths, verdicts, strict=True)),
-        combinations(info, parameters.paths, factors),
+        combinations(info, parameters.paths, factors, parameters.has_effect),
         channels,
         reasons,
         {
@@ -364,6 +375,11 @@ def _concluded(
         parameters.robot_at(settings),
         seconds,
         search.evaluations,
+        tuple(
+            p
+            for p, is_seen in zip(parameters.paths, parameters.has_effect, strict=True)
+            if not is_seen
+        ),
     )
 
 

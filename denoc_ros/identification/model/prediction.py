@@ -348,7 +348,9 @@ class PreparedRun:
         last = int(np.searchsorted(t, t[0] + until * (t[-1] - t[0])))
         end = min(len(t), last + 2 * int(self._kept[0]) + 2)
         whole = self._measured.motion
-        return replay.states(*self._first(end, whole if noise is None else _with_noise(whole, noise)))
+        return replay.states(
+            *self._first(end, whole if noise is None else _with_noise(whole, noise))
+        )
 
     def noise(self, draws: Sequence[np.random.Generator]) -> Iterator[SmoothedMotion]:
         """Yield noise of the size that the joints' measurement has, once for each generator."""

@@ -33,9 +33,6 @@ BETWEEN, MOST_EVALUATIONS = 5, 40
 # of theta: a step from a point that fewer samples gave, from which no other step is needed, and
 # how many there are at most
 SHORT_STEP, FEW_STEPS = 0.3, 4
-# rad of the fastest mode between two samples, up to which derivatives by the linear model of the
-# amplitudes move numbers by less than a hundredth of their intervals
-LINEAR_ANGLE = 0.2
 STILL_CHANGE = 1e-4  # change of theta that needs no other round
 SETTLED = 0.03  # change of a deviation that needs no other round
 LOST = 1e6  # standard deviations that a robot which cannot be is off by
@@ -91,8 +88,6 @@ class ModelSearch:
         self._simulated = SimulatedRuns(runs, parameters)
         self._is_followed = self._simulated.is_followed
         self._drawn: tuple[bytes, Array] | None = None
-        angles = [run.fastest_angle(parameters.robot) for run in runs if self._is_followed]
-        self._is_fast = max(angles, default=0.0) > LINEAR_ANGLE
         self._is_exact = False
 
     @property
@@ -230,53 +225,50 @@ class ModelSearch:
 
         Flexible robots are fitted to the first part of each run before the whole: a mode that
         rings at a wrong frequency is out of phase later on, and leads astray. Where runs have
-        more samples than that needs, fewer serve.
+        more samples than that needs, fewer serve, and steps from there come near with all.
         """
-        robot, rows, parts = self.parameters.robot, self.rows_before(end), [*GROWING]
-        if not len(robot.flexible_indices):
-            return theta if end == 1.0 else self.fit(theta, rows, rough=True)
-        every = min(run.spare_samples(robot) for run in self._runs)
-        if every == 1 or not self._is_followed:
-            theta = self.grown(theta, [part for part in GROWING if part < end])
-            return theta if end == 1.0 else self.fit(theta, rows, rough=True)
-        runs = [run.coarser(robot, every) for run in self._runs]
-        coarse = ModelSearch(runs, self.parameters)
-        theta = coarse.grown(theta, [part for part in GROWING if part < end])
-        theta = coarse.fit(theta, coarse.rows_before(end), rough=True)
-        for _ in range(FEW_STEPS):
-            self._reweigh(theta, rows)
-            step = self._newton_step(theta, rows)
-            theta = theta + step
-            if np.abs(step).max() < SHORT_STEP:
-                break
+        robot, rows = self.parameters.robot, self.rows_before(end)
+        every = min(run.spare_samples(robot) for run in self._runs) if self._is_followed else 1
+        if every > 1:
+            coarse = ModelSearch(
+                [run.coarser(robot, every) for run in self._runs], self.parameters
+            )
+            theta = coarse._grown(theta, end)
+            theta = coarse.fit(theta, coarse.rows_before(end), rough=True)
+            for _ in range(FEW_STEPS):
+                self._reweigh(theta, rows)
+                step = self._newton_step(theta, rows)
+                theta = theta + step
+                if np.abs(step).max() < SHORT_STEP:
+                    break
+            return theta
+        if len(robot.flexible_indices):
+            theta = self._grown(theta, end)
+        return theta if end == 1.0 else self.fit(theta, rows, rough=True)
+
+    def _grown(self, theta: Array, end: float) -> Array:
+        """Return the theta of the greatest likelihood over early parts, one after the other."""
+        for part in (part for part in GROWING if part < end):
+            early = self.rows_before(part)
+            if self._is_enough(early):
+                self._simulated.until = part
+                self._reweigh(theta, early)
+                theta = self._least_squares(theta, early, COARSE)
         return theta
 
     def _newton_step(
-        self, theta: Array, rows: NDArray[np.bool_], prior: Array | None = None
+        self, theta: Array, rows: NDArray[np.bool_], centre: Array | float = 0.0
     ) -> Array:
         """Return the change of theta to the greatest likelihood over some rows, to first order.
 
-        The prior (p,) is about 0, or beside theta by other than that.
+        The prior is about a centre (p,).
         """
         residual = self.whitened(theta)[rows]
         weights = huber_slope(residual)
         slopes = weights[:, None] * self.jacobian(theta)[rows]
         design = np.concatenate([slopes, np.eye(len(theta)) / PRIOR])
-        wanted = np.concatenate(
-            [weights * residual, (theta if prior is None else prior) / PRIOR]
-        )
+        wanted = np.concatenate([weights * residual, (theta - centre) / PRIOR])
         return np.asarray(-np.linalg.lstsq(design, wanted)[0])
-
-    def grown(self, theta: Array, parts: Sequence[float]) -> Array:
-        """Return the theta of the greatest likelihood over one part of the runs after the other."""
-        for part in parts:
-            early = self.rows_before(part)
-            if not self._is_enough(early):
-                continue
-            self._simulated.until = part
-            self._reweigh(theta, early)
-            theta = self._least_squares(theta, early, COARSE)
-        return theta
 
     def fit(self, theta: Array, rows: NDArray[np.bool_], rough: bool = False) -> Array:
         """Return the theta of the greatest likelihood over some rows, from one that is near.
@@ -310,7 +302,7 @@ class ModelSearch:
             if moved @ moved < len(theta):
                 if rough or self._is_exact:
                     return theta
-                self._is_exact = self._is_fast
+                self._is_exact = not self._simulated.is_linear
                 if not self._is_exact:
                     self._reweigh(theta, rows)
                     return self._least_squares(theta, rows, FINE)
@@ -429,7 +421,7 @@ class ModelSearch:
         run_of = np.array([run for run, _, _ in self.labels])
         for run in dict.fromkeys(run_of):
             rows = (run_of == run)[self._channel]
-            left[rows] += jacobian[rows] @ self._newton_step(theta, rows, np.zeros(len(theta)))
+            left[rows] += jacobian[rows] @ self._newton_step(theta, rows, centre=theta)
         every = np.ones(len(residual), dtype=bool)
         sides = [self._by_channel(each, every, held_rms) for each in (left, residual)]
         return np.asarray(np.minimum(sides[0] / np.maximum(sides[1], 1e-300), 1.0))

@@ -18,6 +18,9 @@ from denoc_ros.types import Array
 
 STEP = 1e-4  # of the differences by theta
 NEARBY = 0.03  # of theta: the linear model of a point this near has the same coefficients
+# rad of the fastest mode between two samples, up to which derivatives by the linear model of the
+# amplitudes move numbers by less than a hundredth of their intervals
+LINEAR_ANGLE = 0.2
 SAME_BEYOND = 0.3  # of theta: so near, simulated derivatives differ alike from linear ones
 
 
@@ -28,6 +31,10 @@ class SimulatedRuns:
     ----------
     until : float
         Part of the runs that matters: what is behind it is not worked out.
+    is_followed : bool
+        Whether the amplitudes have a linear model in all runs.
+    is_linear : bool
+        Whether that model is as good as simulations: no mode is near the sampling rate.
     """
 
     def __init__(self, runs: Sequence[PreparedRun], parameters: FreeParameters) -> None:
@@ -35,8 +42,15 @@ class SimulatedRuns:
         edges = np.cumsum([0, *(sum(len(c.t) for c in run.channels) for run in runs)])
         self._rows = [slice(int(a), int(b)) for a, b in pairwise(edges)]
         self._count = int(edges[-1])
-        self.is_followed = all(run.is_followed(parameters.robot) for run in runs)
+        robot = parameters.robot
+        self.is_followed = all(run.is_followed(robot) for run in runs)
+        self.is_linear = self.is_followed and all(
+            run.fastest_angle(robot) <= LINEAR_ANGLE for run in runs
+        )
         self.until, self.evaluations = 1.0, 0
+        self.noises: list[
+            SmoothedMotion
+        ] = []  # on the motion of each run's joints; none: no noise
         self._last: tuple[bytes, float, Array] | None = None
         self._motions: tuple[object, Robot, list[Motion]] | None = None
         self._nearby: tuple[float, Array, list[NearbyMotion]] | None = None
@@ -75,7 +89,7 @@ class SimulatedRuns:
         if self._motions is None or self._motions[0] != key:
             self.evaluations += 1
             robot = self.parameters.robot_at(own)
-            self._motions = key, robot, [run.motion(robot, self.until) for run in self._runs]
+            self._motions = key, robot, self._simulate(robot)
         return self._motions[1:]
 
     def linear_motions(self, theta: Array) -> list[NearbyMotion]:
@@ -118,21 +132,24 @@ class SimulatedRuns:
         key, kept = (tuple(places), self.until), self._beyond
         if kept is None or kept[0] != key or np.abs(theta - kept[1]).max() > SAME_BEYOND:
             self.evaluations += int(self.parameters.moves_robot[list(places)].sum())
-            found = self._differences(
-                theta, places, lambda robot: [run.motion(robot, self.until) for run in self._runs]
-            )
+            found = self._differences(theta, places, self._simulate)
             self._beyond = kept = key, theta.copy(), found - linear
         return np.asarray(linear + kept[2])
+
+    def _simulate(self, robot: Robot) -> list[Motion]:
+        noises = self.noises or [None] * len(self._runs)
+        pairs = zip(self._runs, noises, strict=True)
+        return [run.motion(robot, self.until, noise) for run, noise in pairs]
 
     def by_noise(self, theta: Array, draws: Sequence[np.random.Generator]) -> Array:
         """Return changes of the residuals (m, d) by noise of the joints from d generators.
 
-        Where links vibrate, the linear model of the amplitudes gives those of the motion.
+        The linear model of the amplitudes gives those of the motion where it is as good.
         """
         here = self.residuals(theta)
         settings = self.parameters.settings(theta)
         robot, _ = self.moved(settings)
-        nearby = self.linear_motions(theta) if self.is_followed else []
+        nearby = self.linear_motions(theta) if self.is_linear else []
         self.evaluations += 0 if nearby else len(draws)
         found = np.empty((len(here), len(draws)))
         for k, (run, rows) in enumerate(zip(self._runs, self._rows, strict=True)):
@@ -153,20 +170,30 @@ class SimulatedRuns:
 
         Their motions and linear models at a point are ready; they serve no other point.
         """
+        forth, back = [], []
+        for run in self._runs:
+            (noise,) = run.noise([draw])
+            forth.append(noise)
+            back.append(SmoothedMotion(-noise.q, -noise.qd, -noise.qdd))
+        return self._with_noise(theta, forth), self._with_noise(theta, back)
+
+    def _with_noise(self, theta: Array, noises: Sequence[SmoothedMotion]) -> SimulatedRuns:
         nearby = self.linear_motions(theta)
         assert self._motions is not None
         key, robot, _ = self._motions
-        pair = SimulatedRuns(self._runs, self.parameters), SimulatedRuns(self._runs, self.parameters)
-        moved: tuple[list[Motion], list[Motion]] = [], []
-        for run, own in zip(self._runs, nearby, strict=True):
-            (forth,) = run.noise([draw])
-            back = SmoothedMotion(-forth.q, -forth.qd, -forth.qdd)
-            for motions, motion in zip(moved, own.shaken(robot, [forth, back]), strict=True):
+        found = SimulatedRuns(self._runs, self.parameters)
+        moved = []
+        for run, own, noise in zip(self._runs, nearby, noises, strict=True):
+            if self.is_linear:
                 # What is linear in noise cancels: the rest needs the motion to second order.
-                motions.append(own.about(motion).of(robot))
-        for runs, motions in zip(pair, moved, strict=True):
-            runs.until, runs._nearby, runs._motions = self.until, self._nearby, (key, robot, motions)
-        return pair
+                (motion,) = own.shaken(robot, [noise])
+                moved.append(own.about(motion).of(robot))
+            else:
+                moved.append(run.motion(robot, self.until, noise))
+                found.noises.append(noise)
+        found.evaluations += 0 if self.is_linear else 1
+        found.until, found._nearby, found._motions = self.until, self._nearby, (key, robot, moved)
+        return found
 
     def _differences(
         self, theta: Array, places: Sequence[int], motions_of: Callable[[Robot], list[Motion]]

@@ -28,7 +28,7 @@ def reading_changes(robot: Robot, others: Iterable[Robot]) -> Array:
     here = _readings(robot, states)
     size = np.maximum(np.sqrt(np.mean(here**2, axis=0)), 1e-300)
     changes = [((_readings(other, states) - here) / size).ravel() for other in others]
-    return np.reshape(changes, (len(changes), here.size)).T
+    return np.asarray(np.reshape(changes, (len(changes), here.size)).T)
 
 
 def _readings(robot: Robot, states: Array) -> Array:

@@ -135,8 +135,8 @@ class JointNoise:
 def joint_noise(whitening: Whitening, simulated: SimulatedRuns, theta: Array) -> JointNoise:
     """Estimate the effect of joint noise on scores and information at theta (p,).
 
-    Noise comes in pairs of both signs: what is linear in it cancels. Derivatives are those of the
-    linear model of the amplitudes; with one sign they change by as much as with the other.
+    Noise comes in pairs of both signs: what is linear in it cancels. With one sign the derivatives
+    change by as much as with the other.
     """
     here = _slopes(whitening, simulated, theta)
     scores, normal = _at(whitening, simulated, theta, here)
@@ -148,11 +148,13 @@ def joint_noise(whitening: Whitening, simulated: SimulatedRuns, theta: Array) ->
             more, square = _at(whitening, shaken, theta, slopes)
             pulls[k] += 0.5 * (more - scores)
             added += (square - normal) / (2 * PAIRS)
+            simulated.evaluations += shaken.evaluations
     return JointNoise(pulls, bounded(added, normal))
 
 
 def _slopes(whitening: Whitening, simulated: SimulatedRuns, theta: Array) -> Array:
-    return whitening(simulated.slopes_nearby(theta, range(len(theta))))
+    slopes_of = simulated.slopes_nearby if simulated.is_linear else simulated.slopes
+    return whitening(slopes_of(theta, range(len(theta))))
 
 
 def _at(
