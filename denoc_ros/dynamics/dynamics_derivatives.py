@@ -307,10 +307,9 @@ class DifferentiableModel(TreeDynamics):
             by_q += driven[:, :, free] @ load[:, free]
             by_q[:, index] -= load[:, index]
         for part, places in zip(given, split.places, strict=True):
-            for row, matrices in enumerate(buffer):
-                target = part.reshape(k, -1)[row] if part.size else part.reshape(0)
-                # the other modes keep the result in a buffer
-                matrices.take(places, out=target, mode='clip')
+            target = part.reshape(k, len(places))
+            # the other modes keep the result in a buffer
+            buffer.take(places, axis=1, out=target, mode='clip')
         return given
 
     def constrained_forward_dynamics_derivatives(

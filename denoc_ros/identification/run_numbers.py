@@ -387,7 +387,7 @@ def noted_numbers(found: PlantNumbers, robot: Robot) -> list[dict[str, Any]]:
             one['verdict'] = FOUND
         one['needed'] = not (
             path.endswith('.damping_ratio')
-            or path in getattr(found.model, 'unseen', ())
+            or path in found.model.without_effect
             or (is_absent and '.com.' in path)
         )
     return numbers

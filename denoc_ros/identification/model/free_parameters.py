@@ -13,6 +13,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,7 @@ from denoc_ros.dynamics.parameter_columns import INERTIAL
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.dynamics.robot_model import with_numbers_of
 from denoc_ros.errors import ConfigError
+from denoc_ros.identification.model.structural_effect import reading_changes
 from denoc_ros.model.arrays import inertia_row
 from denoc_ros.model.inertia import difference, inverse_transform, moved, pseudo_inertia, total
 from denoc_ros.model.link_side import motors_behind
@@ -166,6 +168,9 @@ PRIOR = 0.5
 KINDS = ('beam.', 'joint.', 'payload.', 'link.', 'sensor.', 'effort.', 'pose.', 'delay.')
 ROUNDING = 1e-9  # of a pseudo-inertia: what arithmetic leaves of an exact zero
 STEP = 1e-6  # of theta, for derivatives of numbers
+CHANGE = 1e-3  # of theta, by which numbers without effect show
+# of readings, by a number's size: joint axes that are rounded to 1e-5 rad show no more
+LEAST_EFFECT = 1e-5
 SMALLEST = 1e-6  # of a body's pseudo-inertia: point masses and flat plates get so much
 UPPER = np.triu_indices(4)
 # what drifts: each recording has its own
@@ -327,6 +332,28 @@ class FreeParameters:
         ]
         return np.array(found + [True] * (10 * len(self.blocks)))
 
+    @cached_property
+    def has_effect(self) -> NDArray[np.bool_]:
+        """Which reported numbers a measurement of the robot can depend on, in some motion (p,).
+
+        Numbers of sensors, of measured effort and of friction always do.
+        """
+        zero, places = np.zeros(self.size), np.flatnonzero(self.moves_robot)
+        steps = [side * CHANGE * np.eye(self.size)[k] for k in places for side in (1.0, -1.0)]
+        sides = [self.robot_at(self.settings(step)) for step in steps]
+        changes = reading_changes(self.robot_at(self.settings(zero)), sides)
+        by_theta = (changes[:, ::2] - changes[:, 1::2]) / (2.0 * CHANGE)
+        by_numbers = by_theta @ np.linalg.inv(self.slopes(zero)[np.ix_(places, places)])
+        effect = np.abs(by_numbers * self.scales(zero)[places]).max(axis=0, initial=0.0)
+        found = np.ones(self.size, dtype=bool)
+        found[places] = effect > LEAST_EFFECT
+        return found
+
+    @property
+    def is_searched(self) -> NDArray[np.bool_]:
+        """Which coordinates of the search a measurement can depend on (p,): all of a body's."""
+        return np.where(np.arange(self.size) < len(self.numbers), self.has_effect, True)
+
     @property
     def runs(self) -> list[str]:
         """The recording that each number is of; '': of all (p,)."""
@@ -361,11 +388,17 @@ class FreeParameters:
     def sizes(self, theta: Array) -> Array:
         """Reference that the interval of each reported number is divided by in its verdict (p,).
 
-        The number itself where it must be positive, masses included, else what `scales` says.
+        The number itself where it must be positive, masses included; of a payload's centre how far
+        it is from the link's origin, where that is more than what `scales` says.
         """
         values, scales = self.values(theta), self.scales(theta)
         masses = np.array([path.endswith('.mass') for path in self.paths])
-        return np.asarray(np.where(self.multiplicative | masses, np.abs(values), scales))
+        found = np.where(self.multiplicative | masses, np.abs(values), scales)
+        centres = [path.rpartition('.')[0] for path in self.paths]
+        for centre in {each for each in centres if each.endswith('.com')}:
+            own = np.array([each == centre for each in centres])
+            found[own] = np.maximum(found[own], np.linalg.norm(values[own]))
+        return np.asarray(found)
 
     def slopes(self, theta: Array) -> Array:
         """Return the derivatives of the reported numbers by theta (p, p)."""

@@ -24,6 +24,7 @@ EXACT = 1e-3  # sizes: what smoothing and the motion between samples leave, besi
 # the same of a sensor's offset: what they leave swings with the motion, about its mean
 EXACT_OFFSET = 1e-4
 NOT_TOLD = 'not identifiable'
+VERDICTS = 'found', 'doubtful', NOT_TOLD  # from the best to the worst
 LISTED = 12  # combinations that are written down
 
 
@@ -150,20 +151,34 @@ def verdict_of(half: float) -> str:
     return 'doubtful' if half <= WIDEST_SEEN else NOT_TOLD
 
 
-def combinations(info: Information, names: Sequence[str], factors: Mask) -> list[str]:
+def combinations(
+    info: Information, names: Sequence[str], factors: Mask, has_effect: Mask | None = None
+) -> list[str]:
     """Combinations of parameters that the data tell, though not each parameter alone.
 
     Parameters
     ----------
     factors : (p,) bool array
         Parameters whose logarithms are combined: products; the others' sums.
+    has_effect : (p,) bool array, optional
+        Parameters that a measurement can depend on, in some motion; default: all.
 
     Returns
     -------
     list of str
         Such as `beam.a.y.ei / beam.b.y.ei`, and names that nothing is seen of at all.
     """
-    places = [k for k, touched in enumerate(info.touched) if touched]
+    idle = [name for k, name in enumerate(names) if has_effect is not None and not has_effect[k]]
+    never = f'no measurement of this robot depends on {", ".join(idle)}, whatever the motion'
+    told = _told_together(info, [*names], factors, idle)
+    return [*([never] if idle else []), *told][:LISTED]
+
+
+def _told_together(
+    info: Information, names: list[str], factors: Mask, idle: Sequence[str]
+) -> list[str]:
+    """Return the lines about parameters that have an effect."""
+    places = [k for k, touched in enumerate(info.touched) if touched and names[k] not in idle]
     if not places:
         return []
     blind = [names[i] for i in places if np.linalg.norm(info.unseen[i]) > 1.0 - TOUCHED**2]
@@ -174,7 +189,7 @@ def combinations(info: Information, names: Sequence[str], factors: Mask) -> list
         members = [member for member in members if abs(member[0]) > SMALL]
         if len(members) > 1:
             found.append(f'only {_text(members)} is seen')
-    return found[:LISTED]
+    return found
 
 
 def _seen_rows(unseen: Array) -> Array:

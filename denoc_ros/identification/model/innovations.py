@@ -8,15 +8,18 @@ squares are the likelihood (L. Ljung, System Identification, 1999, section 7.4).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import copy
+import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.linalg
 from numpy.typing import NDArray
 
 from denoc_ros.dynamics.constrained_dynamics import mimic_ties
 from denoc_ros.dynamics.robot import Robot
+from denoc_ros.estimation.joint_motion import SmoothedMotion
+from denoc_ros.estimation.joint_tracker import connecting_acceleration
 from denoc_ros.kernels.algebra.kalman import filter_gains, filter_values, linear_states
 from denoc_ros.kernels.derivatives.inverse_derivatives import inverse_dynamics_derivatives
 from denoc_ros.kernels.jit.compiled import ready
@@ -26,6 +29,9 @@ Motion = tuple[Array, Array]
 Int = NDArray[np.int64]
 
 MOST_APART = 1.5  # usual times between joint stamps: a row farther from all of them is not linked
+# The series of a transition reaches so far in frequency times interval; with so many terms its
+# remainder is below 1e-12.
+SERIES_REACH, SERIES_ORDER = 0.5, 9
 
 
 class NearbyMotion:
@@ -67,9 +73,9 @@ class NearbyMotion:
         self._ties = mimic_ties(robot, joints, {})[0]
         self._index = robot.joint_indices
         self.free = np.setdiff1d(np.arange(robot.n), self._index)
-        self.starts, self.motion = starts, motion
+        self.starts, self.motion, self._t = starts, motion, t
         q, qd, qdd = motion[0]
-        slopes = robot.hybrid_dynamics_derivatives(q, qd, qdd[:, self._index])
+        slopes = self._by_motion = robot.hybrid_dynamics_derivatives(q, qd, qdd[:, self._index])
         f, k = len(self.free), len(t)
         self.slopes = np.zeros((k, 2 * f, 2 * f))
         self.slopes[:, :f, f:] = np.eye(f)
@@ -79,59 +85,145 @@ class NearbyMotion:
         self._by_torque = self._ties.T @ np.concatenate(
             [slopes.dtau_dq[:, :, self.free], slopes.dtau_dqd[:, :, self.free]], axis=2
         )
-        self.transitions, self._early, self._late = _transitions(t, self.slopes)
+        self.transitions, self._early, self._late = _transitions(t, starts, self.slopes)
+
+    def about(self, motion: Motion) -> NearbyMotion:
+        """Return the same linear model about another motion that differs little."""
+        found = copy.copy(self)
+        found.motion = motion
+        return found
 
     def of(self, robot: Robot) -> Motion:
         """Return the motion of a robot that differs little."""
-        (q, qd, qdd), _ = self.motion
+        q, qd, qdd = self.motion[0]
         forces, found = robot.hybrid_dynamics(q, qd, qdd[:, self._index])
-        return self.changed(self._response(robot, found - qdd[:, self.free]), forces, found)
+        missed = found - qdd[:, self.free]
+        pushed = _times(self._early, missed[:-1]) + _times(self._late, missed[1:])
+        change = self._response(pushed, self._equilibria(robot, q))
+        return self.changed(change, forces @ self._ties, found)
+
+    def shaken(self, robot: Robot, noises: Sequence[SmoothedMotion]) -> Iterator[Motion]:
+        """Yield the motions of the robot itself with noise on that of its joints.
+
+        Parameters
+        ----------
+        noises : sequence of SmoothedMotion
+            Of the recorded joints, small.
+
+        Notes
+        -----
+        As in a simulation, accelerations between two stamps are those that connect positions and
+        rates there.
+        """
+        (states, torques), by, index = self.motion, self._by_motion, self._index
+        # Products with all noises at once take a fraction of the time of one by one.
+        q, qd, qdd = (
+            np.stack([rows @ self._ties.T for rows in each], axis=-1)
+            for each in zip(*((n.q, n.qd, n.qdd) for n in noises), strict=True)
+        )
+        h = np.diff(self._t)[:, None, None]
+        mean, slope = connecting_acceleration(h, q[:-1], qd[:-1], q[1:], qd[1:])
+        by_rates = by.dqdd_dqd[:, :, index]
+        there = by.dqdd_dq[:, :, index] @ q + by_rates @ qd
+        # Rates between two stamps are off a line through theirs, by this in the mean.
+        off = np.diff(q, axis=0) / h - 0.5 * (qd[:-1] + qd[1:])
+        early = there[:-1] + self.by_joints[:-1] @ (mean - 0.5 * h * slope) + by_rates[:-1] @ off
+        late = there[1:] + self.by_joints[1:] @ (mean + 0.5 * h * slope) + by_rates[1:] @ off
+        pushed = self._early @ early + self._late @ late
+        force = by.dtau_dq[:, :, index] @ q + by.dtau_dqd[:, :, index] @ qd
+        force = self._ties.T @ (force + by.dtau_dqdd @ qdd)
+        there += self.by_joints @ qdd
+        for k in range(len(noises)):
+            moved = states[0].copy()
+            moved[:, index] += q[..., k]
+            found, torque = self.changed(
+                self._response(pushed[..., k], self._equilibria(robot, moved)),
+                torques + force[..., k],
+                states[2][:, self.free] + there[..., k],
+            )
+            for rows, more in zip(found, (q, qd, qdd), strict=True):
+                rows[:, index] += more[..., k]
+            yield found, torque
 
     def changed(
-        self, change: Array, forces: Array | None = None, found: Array | None = None
+        self, change: Array, torques: Array | None = None, found: Array | None = None
     ) -> Motion:
         """Return the motion with other amplitudes and rates.
 
         Parameters
         ----------
         change : (k, 2f) array
-        forces, found : arrays, optional
-            Of the joints (k, joints of the robot) and accelerations (k, f) without the change;
-            default those of the robot.
+        torques, found : arrays, optional
+            Of the recorded joints (k, joints) and accelerations (k, f) without the change; default
+            those of the robot.
         """
-        f, (states, torques) = len(self.free), self.motion
+        f, (states, own) = len(self.free), self.motion
         moved = states.copy()
         moved[0][:, self.free] += change[:, :f]
         moved[1][:, self.free] += change[:, f:]
-        column = change[:, :, None]
-        own = states[2][:, self.free] if found is None else found
-        moved[2][:, self.free] = own + (self.slopes[:, f:] @ column)[..., 0]
-        base = torques if forces is None else forces @ self._ties
-        return moved, base + (self._by_torque @ column)[..., 0]
+        free = states[2][:, self.free] if found is None else found
+        moved[2][:, self.free] = free + _times(self.slopes[:, f:], change)
+        return moved, (own if torques is None else torques) + _times(self._by_torque, change)
 
-    def _response(self, robot: Robot, pushed: Array) -> Array:
-        """Return changes of amplitudes and rates (k, 2f) by those of accelerations (k, f)."""
-        f, q = len(self.free), self.motion[0][0]
-        gained = (self._early @ pushed[:-1, :, None] + self._late @ pushed[1:, :, None])[..., 0]
-        found = np.zeros((len(q), 2 * f))
-        found[1:] = gained
-        for k in np.flatnonzero(self.starts):
-            still = robot.static_deflection(q[k, self._index])[self.free]
-            found[k] = np.concatenate([still - q[k, self.free], np.zeros(f)])
+    def _equilibria(self, robot: Robot, q: Array) -> Array:
+        """Return by how much equilibria at the starts differ from the amplitudes (starts, f)."""
+        rows = np.flatnonzero(self.starts)
+        still = [robot.static_deflection(q[k, self._index])[self.free] for k in rows]
+        return np.asarray(np.array(still) - self.motion[0][0][np.ix_(rows, self.free)])
+
+    def _response(self, pushed: Array, equilibria: Array) -> Array:
+        """Return changes of amplitudes and rates (k, 2f).
+
+        Parameters
+        ----------
+        pushed : (k - 1, 2f) array
+            What each interval adds to them by changes of accelerations in it.
+        equilibria : (starts, f) array
+            Change of the amplitudes at each start.
+        """
+        f = len(self.free)
+        found = np.zeros((len(self.starts), 2 * f))
+        found[1:] = pushed
+        found[self.starts, :f], found[self.starts, f:] = equilibria, 0.0
         linear_states(self.transitions, self.starts, found)
         return found
 
 
-def _transitions(t: Array, slopes: Array) -> tuple[Array, Array, Array]:
-    """Return Phi (k - 1, 2f, 2f), G0 and G1 (k - 1, 2f, f) of each interval."""
+def _times(matrices: Array, vectors: Array) -> Array:
+    """Return the products (k, m) of matrices (k, m, n) with vectors (k, n)."""
+    return np.asarray((matrices @ vectors[:, :, None])[..., 0])
+
+
+def _transitions(t: Array, starts: Flags, slopes: Array) -> tuple[Array, Array, Array]:
+    """Return Phi (k - 1, 2f, 2f), G0 and G1 (k - 1, 2f, f) of each interval.
+
+    Notes
+    -----
+    With z = A h they are h^j phi_j(z), phi_j(z) the sum of z^i / (i + j)!. The series is taken of
+    z / 2^s, and s times doubled: phi_0(2 z) = phi_0^2, phi_1(2 z) = (phi_0 + 1) phi_1 / 2 and
+    phi_2(2 z) = (phi_1^2 + 2 phi_2) / 4 (N. J. Higham, Functions of Matrices, 2008, section 10.7).
+    Nothing crosses the interval before a start, however long it is.
+    """
     f = slopes.shape[1] // 2
-    h = np.diff(t)[:, None, None]
-    middle = 0.5 * (slopes[:-1] + slopes[1:])
-    transitions: Array = np.asarray(scipy.linalg.expm(middle * h), dtype=np.float64)
-    held = np.linalg.solve(middle, transitions - np.eye(2 * f))
-    late = np.linalg.solve(middle, held / h - np.eye(2 * f))
-    early: Array = (held - late)[:, :, f:]
-    return transitions, early, np.asarray(late[:, :, f:], dtype=np.float64)
+    h = np.where(starts[1:], 0.0, np.diff(t))[:, None, None]
+    z = 0.5 * (slopes[:-1] + slopes[1:]) * h
+    # bounds the largest frequency and decay times the interval, in whatever unit amplitudes are
+    elastic, damped = (np.abs(z[:, f:, own]).sum(axis=2) for own in (slice(f), slice(f, None)))
+    size = float(np.max(np.sqrt(elastic * h[:, 0]) + damped, initial=0.0))
+    doublings = max(0, math.ceil(math.log2(max(size, 1e-300) / SERIES_REACH)))
+    z *= 0.5**doublings
+    one, second = np.eye(2 * f), np.zeros(z.shape)
+    for order in range(SERIES_ORDER, -1, -1):
+        second = z @ second + one / math.factorial(order + 2)
+    first = z @ second + one
+    transitions = z @ first + one
+    for _ in range(doublings):
+        second = 0.25 * (first @ first + 2.0 * second)
+        first = 0.5 * (transitions + one) @ first
+        transitions = transitions @ transitions
+    late = second[:, :, f:] * h
+    early = first[:, :, f:] * h - late
+    return transitions, early, late
 
 
 @dataclass(frozen=True)

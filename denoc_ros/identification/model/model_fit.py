@@ -21,6 +21,7 @@ from denoc_ros.errors import IdentificationError
 from denoc_ros.identification.model.free_parameters import PRIOR, FreeParameters
 from denoc_ros.identification.model.information import (
     NOT_TOLD,
+    VERDICTS,
     combinations,
     interval_ends,
     verdict_of,
@@ -110,6 +111,9 @@ class IdentifiedModel:
     seconds : float
     evaluations : int
         Of the model along all recordings.
+    without_effect : tuple of str
+        Paths that no measurement of the robot depends on, whatever the motion: across the plane
+        of a planar robot. They are not identifiable, and count in no verdict of the whole.
     """
 
     values: dict[str, float]
@@ -125,6 +129,13 @@ class IdentifiedModel:
     robot: Robot
     seconds: float
     evaluations: int
+    without_effect: tuple[str, ...] = ()
+
+    @property
+    def whole_verdict(self) -> str:
+        """The worst verdict of the numbers that a measurement of the robot can depend on."""
+        given = [v for path, v in self.verdict.items() if path not in self.without_effect]
+        return max(given, key=VERDICTS.index, default=NOT_TOLD)
 
 
 def identify_model(
@@ -288,22 +299,25 @@ def _searched(search: ModelSearch, held_out: float) -> IdentifiedModel:
     began = time.perf_counter()
     parameters = search.parameters
     zero = np.zeros(parameters.size)
-    start = zero
-    if held_out:
-        start = search.fit(zero, search.rows_before(1.0 - held_out), rough=True)
-    theta = search.fit(start, np.ones(len(search.row_t), dtype=bool), near=held_out > 0.0)
-    judge = start if held_out else theta
     held = ~search.rows_before(1.0 - held_out)
-    fitted = [search.rms(each, ~held) for each in (zero, judge)]
-    judged = [search.rms(each, held) for each in (zero, judge)]
-    shaken = [search.shaken(theta, rows) for rows in (~held, held)]
-    unforeseen = [search.unforeseen(judge, rows) for rows in (~held, held)]
+    parts = ~held, held
+    before = search.rms(search.whole_residuals(zero), parts)
+    start = search.approach(zero, 1.0 - held_out)
+    # The fit begins with the motion that judges it, and ends with the one that noise is put on.
+    judge = search.whole_residuals(start)
+    theta = search.fit(start, np.ones(len(search.row_t), dtype=bool))
+    if not held_out:
+        judge = search.residuals(theta)
+    after, unforeseen = search.rms(judge, parts), search.rms(search.whitening(judge), parts)
+    shaken = [search.shaken(theta, rows) for rows in parts]
     alone = search.alone(theta) if search.has_several_runs else np.ones(len(search.labels))
     sides = zip(
         search.sizes,
         search.louder(held),
-        *fitted,
-        *judged,
+        before[0],
+        after[0],
+        before[1],
+        after[1],
         *shaken,
         *unforeseen,
         alone,
@@ -369,7 +383,7 @@ def _concluded(
         {p: (float(a), float(b)) for p, a, b in zip(parameters.paths, low, high, strict=True)},
         _by_path(parameters, sizes),
         dict(zip(parameters.paths, verdicts, strict=True)),
-        combinations(info, parameters.paths, factors),
+        combinations(info, parameters.paths, factors, parameters.has_effect),
         channels,
         reasons,
         {
@@ -381,6 +395,11 @@ def _concluded(
         parameters.robot_at(settings),
         seconds,
         search.evaluations,
+        tuple(
+            p
+            for p, is_seen in zip(parameters.paths, parameters.has_effect, strict=True)
+            if not is_seen
+        ),
     )
 
 

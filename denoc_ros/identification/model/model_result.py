@@ -99,7 +99,8 @@ def result_of(found: IdentifiedModel) -> Document:
             }
             for one in found.channels
         ],
-        'verdict': worst(tuple(WORDS[word] for word in found.verdict.values())),
+        'without_effect': found.without_effect,
+        'verdict': WORDS[found.whole_verdict],
         'reasons': found.reasons,
         'seconds': found.seconds,
         'evaluations': found.evaluations,

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import copy
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
 import scipy.sparse
 from numpy.typing import NDArray
+from scipy.linalg import eigvalsh
 
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import IdentificationError
@@ -34,6 +34,8 @@ FEWEST = 20  # samples that tell noise from motion
 PER_CUTOFF = 4.0  # samples of a smoothed channel that are kept, per period of the cutoff
 SMALL_CHANGE = 1e-6  # m or rad, and per s: of amplitudes, for differences
 QUIETEST = 0.35  # of a channel's noise by its differences: what a filter takes it for at least
+SAMPLED = 0.6  # rad between two samples of the fastest mode: enough to come near its frequency
+FEW = 1500  # samples of a run: of fewer each one counts
 REACH = 4.0  # standard deviations at which a Gaussian's tail is cut
 
 
@@ -50,18 +52,35 @@ class MeasuredMotion:
     period: float  # usual time between samples [s]
     smoothers: Mapping[float, LocalPolynomials]  # of the stamps, by cutoff
 
-    def disturbed(self, draw: np.random.Generator, times: float = 1.0) -> SmoothedMotion:
-        """Return the motion with noise of this size once more on top.
-
-        `times` as large; -1 is the same noise with the other sign.
-        """
-        own, shape = self.motion, self.motion.q.shape
-        position = times * self.position_noise * draw.standard_normal(shape)
-        velocity = times * self.velocity_noise * draw.standard_normal(shape)
+    def noise(self, draws: Sequence[np.random.Generator]) -> Iterator[SmoothedMotion]:
+        """Yield what noise of this size adds to the motion, once for each generator."""
+        shape = *self.motion.q.shape, len(draws)
         measured = bool((self.cutoffs[1] > 0.0).any())
-        given = velocity if measured else None
-        more = _smoothed(position, given, self.cutoffs, self.smoothers)
-        return SmoothedMotion(own.q + more.q, own.qd + more.qd, own.qdd + more.qdd)
+        drawn = [draw.standard_normal((2, *shape[:2])) for draw in draws]
+        position, velocity = np.stack(drawn, axis=-1)
+        position *= self.position_noise[:, None]
+        velocity *= self.velocity_noise[:, None]
+        found = np.zeros((3, *shape))
+        for cutoff, smoother in self.smoothers.items():
+            own, rates = self.cutoffs == cutoff
+            if own.any():
+                _smooth_noise(smoother, position, own, found[:1] if measured else found)
+            if measured and rates.any():
+                _smooth_noise(smoother, velocity, rates, found[1:])
+        return (SmoothedMotion(*rows) for rows in np.moveaxis(found, -1, 0))
+
+
+def _with_noise(motion: SmoothedMotion, noise: SmoothedMotion) -> SmoothedMotion:
+    """Return a motion with noise on top."""
+    return SmoothedMotion(motion.q + noise.q, motion.qd + noise.qd, motion.qdd + noise.qdd)
+
+
+def _smooth_noise(smoother: LocalPolynomials, noise: Array, joints: Flags, found: Array) -> None:
+    """Write the smoothed noise (k, joints, draws) of some joints and its first derivatives."""
+    columns = noise[:, joints].reshape(len(noise), -1)
+    for derivative, target in enumerate(found):
+        smoothed = smoother.matrix(derivative) @ columns
+        target[:, joints] = smoothed.reshape(len(noise), -1, noise.shape[2])
 
 
 def measured_motion(t: Array, position: Array, velocity: Array | None) -> MeasuredMotion:
@@ -186,6 +205,7 @@ class PreparedRun:
         ]
         self._joints = joints
         self._low_pass = low_pass(t, self._cutoff)
+        self._low_pass_kept = self._low_pass[self._kept]
         self._gravity, self._balance = self._balanced(robot)
         effort = recording.effort[:, joints].copy()
         sizes = np.sqrt(np.mean(effort**2, axis=0))
@@ -344,7 +364,7 @@ class PreparedRun:
         return passed
 
     def motion(
-        self, robot: Robot, until: float = 1.0, draw: np.random.Generator | None = None
+        self, robot: Robot, until: float = 1.0, noise: SmoothedMotion | None = None
     ) -> tuple[Array, Array]:
         """Return states (3, j, n) and torques (j, joints) of a robot on the recorded motion.
 
@@ -352,23 +372,50 @@ class PreparedRun:
         ----------
         until : float
             Part of the run's time that matters: what is behind it is not worked out.
-        draw : Generator, optional
-            Adds noise of the size that the joints' measurement has.
+        noise : SmoothedMotion, optional
+            Added to that of the joints.
         """
         replay = TorqueReplay(robot, self.recording.joints, step=self._step)
         t = self.recording.t
         last = int(np.searchsorted(t, t[0] + until * (t[-1] - t[0])))
         end = min(len(t), last + 2 * int(self._kept[0]) + 2)
-        measured = self._measured
-        whole = measured.motion if draw is None else measured.disturbed(draw)
-        return replay.states(*self._first(end, whole))
+        whole = self._measured.motion
+        return replay.states(
+            *self._first(end, whole if noise is None else _with_noise(whole, noise))
+        )
 
-    def shaken(self, draw: np.random.Generator, times: float) -> PreparedRun:
-        """Return the run with noise of the joints' own size once more on their motion."""
-        found = copy.copy(self)
-        motion = self._measured.disturbed(draw, times)
-        found._measured = dataclasses.replace(self._measured, motion=motion)
-        return found
+    def noise(self, draws: Sequence[np.random.Generator]) -> Iterator[SmoothedMotion]:
+        """Yield noise of the size that the joints' measurement has, once for each generator."""
+        return self._measured.noise(draws)
+
+    def fastest_angle(self, robot: Robot) -> float:
+        """Return the angle of the fastest mode of the amplitudes between two samples [rad]."""
+        posture, free = np.zeros(robot.n), robot.flexible_indices
+        posture[robot.indices(self.recording.joints)] = self._measured.motion.q[0]
+        inertia = robot.inertia_matrix(posture)[np.ix_(free, free)]
+        square = eigvalsh(np.diag(robot.stiffness[free]), inertia)[-1]
+        return float(np.sqrt(square)) * self._measured.period
+
+    def spare_samples(self, robot: Robot) -> int:
+        """Return of how many joint samples one is enough to come near the numbers of a robot."""
+        by_cutoff = FINEST / (self._cutoff * self._measured.period)
+        by_mode = SAMPLED / max(self.fastest_angle(robot), 1e-9)
+        return max(1, int(min(by_cutoff, by_mode, len(self.recording.t) / FEW)))
+
+    def coarser(self, robot: Robot, every: int) -> PreparedRun:
+        """Return the run with one of so many joint samples, and steps as much longer."""
+        whole = self.recording
+        rows = slice(None, None, every)
+        thinned = dataclasses.replace(
+            whole,
+            t=whole.t[rows],
+            position=whole.position[rows],
+            effort=whole.effort[rows],
+            velocity=None if whole.velocity is None else whole.velocity[rows],
+            sensors={name: _thinned(*own, every) for name, own in whole.sensors.items()},
+            poses={name: _thinned(*own, every) for name, own in whole.poses.items()},
+        )
+        return PreparedRun(thinned, robot, self._cutoff, every * self._step)
 
     def residuals(
         self, robot: Robot, settings: SearchPoint, motion: tuple[Array, Array] | None = None
@@ -388,15 +435,17 @@ class PreparedRun:
         torques = torques[:, self._joints] + self._own_torque(robot, states, settings)
         torque[: len(torques)] = torques * self.gains(settings)
         torque += [settings.offsets.get(self.recording.joints[k], 0.0) for k in self._joints]
-        predicted = self._passed(torque)
         delay = settings.delays.get('effort', 0.0)
         if delay:
-            predicted = self._sensed.between(predicted, self.recording.t - delay)
+            whole = self._sensed.between(self._passed(torque), self.recording.t - delay)
+            predicted = whole[self._kept]
+        else:
+            predicted = self._low_pass_kept @ torque
         if self.has_unpowered_joints:
             # as many times as large, robot and residual alike would fit alike: held to one scale
             scale = self._balance / self._balanced(robot, len(states[0]))[1]
             predicted = predicted * np.where(self._unpowered, scale, 1.0)
-        found = list((self._effort - predicted)[self._kept].T)
+        found = list((self._effort[self._kept] - predicted).T)
         return found + self._sensed.residuals(robot, states, settings)
 
     def _own_torque(self, robot: Robot, states: Array, settings: SearchPoint) -> Array:
@@ -430,12 +479,18 @@ class PreparedRun:
         q[:, index], qd[:, index], qdd[:, index] = motion.q, motion.qd, motion.qdd
         columns = robot.torque_regressor(q, qd, qdd, paths)
         found = [
-            self._low_pass[self._kept] @ (-gain * columns[:, index[joint]])
+            self._low_pass_kept @ (-gain * columns[:, index[joint]])
             for joint, gain in zip(self._joints, gains, strict=True)
         ]
         rest = sum(len(channel.t) for channel in self.channels[len(self._joints) :])
         slopes: Array = np.concatenate([*found, np.zeros((rest, len(paths)))])
         return slopes
+
+
+def _thinned(t: Array, values: Array, every: int) -> tuple[Array, Array]:
+    """Return one of so many readings, more where they are few."""
+    rows = slice(None, None, max(1, min(every, len(t) // FEW)))
+    return t[rows], values[rows]
 
 
 def low_pass(t: Array, cutoff: float) -> scipy.sparse.csr_array:

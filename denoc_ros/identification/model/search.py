@@ -31,13 +31,14 @@ FINE = 1e-5  # the same of the last one
 ROUNDS = 12  # of weights by the residuals' own deviation
 # evaluations of a fit before weights are taken anew, and at most
 BETWEEN, MOST_EVALUATIONS = 5, 40
-LAST = 12  # the same of a fit by simulated derivatives
+# of theta: a step from a point that fewer samples gave, from which no other step is needed, and
+# how many there are at most
+SHORT_STEP, FEW_STEPS = 0.3, 4
 STILL_CHANGE = 1e-4  # change of theta that needs no other round
 SETTLED = 0.03  # change of a deviation that needs no other round
 LOST = 1e6  # standard deviations that a robot which cannot be is off by
 GROWING = (0.08, 0.2, 0.45)  # parts of the runs that a flexible robot is first fitted to
 FEWEST_ROWS = 25  # of each channel in such a part
-SETTLING = 5  # fits by simulated derivatives, weights and filters taken anew where they end
 DRAWS = 24  # of the joints' noise, for the intervals
 ROUNDING = 1e-5  # of a channel's largest value: nothing that varies less is a signal
 QUIETEST = 1e-4  # of what a sensor measures: no channel is taken to be more exact
@@ -74,7 +75,6 @@ class ModelSearch:
         self.counts = np.array([len(channel.t) for _, channel in channels])
         self.whitening = Whitening(runs)
         self._channel = self.whitening.channel
-        self._is_followed = all(run.is_followed(parameters.robot) for run in runs)
         self.row_t = np.concatenate([channel.t for _, channel in channels])
         ends = [(run.recording.t[0], run.recording.t[-1]) for run, _ in channels]
         first, last = (np.repeat(np.array(side), self.counts) for side in zip(*ends, strict=True))
@@ -87,6 +87,7 @@ class ModelSearch:
         self._measured = np.concatenate([channel.value for _, channel in channels])
         self._least = QUIETEST * self._vector_sizes()
         self._simulated = SimulatedRuns(runs, parameters)
+        self._is_followed = self._simulated.is_followed
         self._drawn: tuple[bytes, Array] | None = None
         self._is_exact = False
 
@@ -141,7 +142,7 @@ class ModelSearch:
 
     def effort_doubts(self, theta: Array) -> list[str]:
         """Return in words why measured efforts are not the torques of the joints."""
-        residuals, found = self.residuals(theta), []
+        residuals, found = self.whole_residuals(theta), []
         if not np.isfinite(residuals).all():
             return []
         settings, first = self.parameters.settings(theta), 0
@@ -156,12 +157,17 @@ class ModelSearch:
             first = last
         return found
 
-    def rms(self, theta: Array, rows: NDArray[np.bool_]) -> Array:
-        """Return the rms of each channel's residuals over some rows, NaN where it has none.
+    def whole_residuals(self, theta: Array) -> Array:
+        """Return the same over whole runs, whatever part of them was fitted last."""
+        self._simulated.until = 1.0
+        return self.residuals(theta)
 
-        Wild values are held to a bound that no vibration reaches.
+    def rms(self, residuals: Array, parts: Sequence[NDArray[np.bool_]]) -> list[Array]:
+        """Return the rms of each channel's residuals (m,) over parts of the rows.
+
+        It is NaN where a part has none. Wild values are held to a bound that no vibration reaches.
         """
-        return self._by_channel(self.residuals(theta), rows, held_rms)
+        return [self._by_channel(residuals, rows, held_rms) for rows in parts]
 
     def _by_channel(
         self, values: Array, rows: NDArray[np.bool_], statistic: Callable[[Array], Any]
@@ -232,29 +238,66 @@ class ModelSearch:
         counts = np.bincount(self._channel[rows], minlength=len(rms))
         return float(counts @ np.log(rms) / counts.sum())
 
-    def fit(
-        self, theta: Array, rows: NDArray[np.bool_], near: bool = False, rough: bool = False
-    ) -> Array:
-        """Return the theta of the greatest likelihood over some rows.
-
-        Derivatives of a rough fit are those of the linear model of the amplitudes to the end: near
-        the sampling rate they are a quarter off, and a search by them ends beside its goal.
+    def approach(self, theta: Array, end: float) -> Array:
+        """Return a theta near the greatest likelihood over the runs up to a part of them.
 
         Flexible robots are fitted to the first part of each run before the whole: a mode that
-        rings at a wrong frequency is out of phase later on, and leads astray. A theta that is
-        near the greatest likelihood needs that no more.
+        rings at a wrong frequency is out of phase later on, and leads astray. Where runs have
+        more samples than that needs, fewer serve, and steps from there come near with all.
         """
-        grows = len(self.parameters.robot.flexible_indices) > 0 and not near
-        for part in GROWING if grows else ():
-            early = rows & self.rows_before(part)
-            if not self._is_enough(early):
-                continue
-            self._simulated.until = part
-            self._reweigh(theta, early)
-            theta = self._least_squares(theta, early, COARSE)
+        robot, rows = self.parameters.robot, self.rows_before(end)
+        every = min(run.spare_samples(robot) for run in self._runs) if self._is_followed else 1
+        if every > 1:
+            coarse = ModelSearch(
+                [run.coarser(robot, every) for run in self._runs], self.parameters
+            )
+            theta = coarse._grown(theta, end)
+            theta = coarse.fit(theta, coarse.rows_before(end), rough=True)
+            for _ in range(FEW_STEPS):
+                self._reweigh(theta, rows)
+                step = self._newton_step(theta, rows)
+                theta = theta + step
+                if np.abs(step).max() < SHORT_STEP:
+                    break
+            return theta
+        if len(robot.flexible_indices):
+            theta = self._grown(theta, end)
+        return theta if end == 1.0 else self.fit(theta, rows, rough=True)
+
+    def _grown(self, theta: Array, end: float) -> Array:
+        """Return the theta of the greatest likelihood over early parts, one after the other."""
+        for part in (part for part in GROWING if part < end):
+            early = self.rows_before(part)
+            if self._is_enough(early):
+                self._simulated.until = part
+                self._reweigh(theta, early)
+                theta = self._least_squares(theta, early, COARSE)
+        return theta
+
+    def _newton_step(
+        self, theta: Array, rows: NDArray[np.bool_], centre: Array | float = 0.0
+    ) -> Array:
+        """Return the change of theta to the greatest likelihood over some rows, to first order.
+
+        The prior is about a centre (p,).
+        """
+        residual = self.whitened(theta)[rows]
+        weights = huber_slope(residual)
+        slopes = weights[:, None] * self.jacobian(theta)[rows]
+        design = np.concatenate([slopes, np.eye(len(theta)) / PRIOR])
+        wanted = np.concatenate([weights * residual, (theta - centre) / PRIOR])
+        return np.asarray(-np.linalg.lstsq(design, wanted)[0])
+
+    def fit(self, theta: Array, rows: NDArray[np.bool_], rough: bool = False) -> Array:
+        """Return the theta of the greatest likelihood over some rows, from one that is near.
+
+        A rough fit ends where another would move the numbers by less than their noise does.
+        """
         self._simulated.until = 1.0 if rows.all() else float(self._part[rows].max())
         self._is_exact = False
         self._reweigh(theta, rows)
+        if self._is_followed:
+            return self._fit_followed(theta, rows, rough)
         for _ in range(ROUNDS):
             before, last = self.deviation.copy(), theta
             theta = self._least_squares(theta, rows, COARSE, BETWEEN)
@@ -262,15 +305,25 @@ class ModelSearch:
             is_still = np.abs(theta - last).max() < STILL_CHANGE
             if is_still or np.nanmax(np.abs(self.deviation / before - 1.0)) < SETTLED:
                 break
-        self._is_exact = self._is_followed and not rough
-        if not self._is_exact:
-            return self._least_squares(theta, rows, FINE)
-        for _ in range(SETTLING):
-            before = theta
-            theta = self._least_squares(theta, rows, FINE, LAST)
-            moved = self.jacobian(theta) @ (theta - before)
+        return self._least_squares(theta, rows, FINE)
+
+    def _fit_followed(self, theta: Array, rows: NDArray[np.bool_], rough: bool) -> Array:
+        """Return the same where filters follow the vibration: they are made anew where it moves.
+
+        Derivatives by the linear model of the amplitudes are a quarter off near the sampling
+        rate, and a search by them ends beside its goal: there it ends by simulated ones.
+        """
+        for _ in range(ROUNDS):
+            last = theta
+            theta = self._least_squares(theta, rows, FINE if self._is_exact else COARSE, BETWEEN)
+            moved = self.jacobian(theta) @ (theta - last)
             if moved @ moved < len(theta):
-                break
+                if rough or self._is_exact:
+                    return theta
+                self._is_exact = not self._simulated.is_linear
+                if not self._is_exact:
+                    self._reweigh(theta, rows)
+                    return self._least_squares(theta, rows, FINE)
             self._reweigh(theta, rows)  # what is white at one point is not far from it
         return theta
 
@@ -296,7 +349,7 @@ class ModelSearch:
             self.whitening.deviation = self._least
         settings = self.parameters.settings(theta)
         robot, _ = self._simulated.moved(settings)
-        self.whitening.follow(robot, settings, self._simulated.linear_motions(settings))
+        self.whitening.follow(robot, settings, self._simulated.linear_motions(theta))
         deviation = self.deviation
         for _ in range(PASSES):
             self.whitening.weigh(deviation, residual)
@@ -384,14 +437,9 @@ class ModelSearch:
         residual, jacobian = self.whitened(theta), self.jacobian(theta)
         left = residual.copy()
         run_of = np.array([run for run, _, _ in self.labels])
-        prior = np.eye(len(theta)) / PRIOR
         for run in dict.fromkeys(run_of):
             rows = (run_of == run)[self._channel]
-            weights = huber_slope(residual[rows])
-            design = np.vstack([weights[:, None] * jacobian[rows], prior])
-            wanted = np.concatenate([weights * residual[rows], np.zeros(len(theta))])
-            change = np.linalg.lstsq(design, wanted)[0]
-            left[rows] -= jacobian[rows] @ change
+            left[rows] += jacobian[rows] @ self._newton_step(theta, rows, centre=theta)
         every = np.ones(len(residual), dtype=bool)
         sides = [self._by_channel(each, every, held_rms) for each in (left, residual)]
         return np.asarray(np.minimum(sides[0] / np.maximum(sides[1], 1e-300), 1.0))
@@ -425,34 +473,16 @@ class ModelSearch:
         """Effect of joint noise on the scores; None where no vibration is followed."""
         if not self._is_followed:
             return None
-        given = self.whitening, self._simulated, theta
-        return joint_noise(self._runs, self.parameters, *given)
+        return joint_noise(self.whitening, self._simulated, theta)
 
     def shaken(self, theta: Array, rows: NDArray[np.bool_]) -> Array:
         """Residual of each channel caused by joint noise over some rows, rms."""
         square = np.mean(self._by_joint_noise(theta) ** 2, axis=1)
         return self._by_channel(square, rows, lambda x: np.sqrt(np.mean(x)))
 
-    def unforeseen(self, theta: Array, rows: NDArray[np.bool_]) -> Array:
-        """Return the rms of each channel's residuals in their deviations, over some rows."""
-        return self._by_channel(self.whitened(theta), rows, held_rms)
-
     def _by_joint_noise(self, theta: Array) -> Array:
         """Return changes of the residuals by noise of the joints, drawn anew (m, d)."""
-        if self._drawn is not None and self._drawn[0] == theta.tobytes():
-            return self._drawn[1]
-        settings, here = self.parameters.settings(theta), self.residuals(theta)
-        robot, _ = self._simulated.moved(settings)
-        found = np.empty((len(here), DRAWS))
-        for k in range(DRAWS):
-            draw = np.random.default_rng(k)
-            found[:, k] = np.concatenate(
-                [
-                    each
-                    for run in self._runs
-                    for each in run.residuals(robot, settings, run.motion(robot, draw=draw))
-                ]
-            )
-        self._simulated.evaluations += DRAWS
-        self._drawn = theta.tobytes(), found - here[:, None]
+        if self._drawn is None or self._drawn[0] != theta.tobytes():
+            draws = [np.random.default_rng(k) for k in range(DRAWS)]
+            self._drawn = theta.tobytes(), self._simulated.by_noise(theta, draws)
         return self._drawn[1]

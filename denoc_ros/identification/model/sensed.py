@@ -86,6 +86,7 @@ class SensedChannels:
         self._names = {channel.name: channel for channel in self.channels}
         self._last: dict[str, tuple[Robot, Array, float, Array]] = {}
         self._splines: dict[int, SplineThrough] = {}
+        self._shared: dict[str, NDArray[np.int64] | None] = {}
         self.channels = [channel for channel in self.channels if len(channel.t)]
 
     def _add_inertial(
@@ -207,9 +208,19 @@ class SensedChannels:
         stamps, count = self._names[name].t, len(values)
         if not len(stamps):
             return np.empty((0, values.shape[1]))
+        if not delay and (places := self._shared_places(name)) is not None:
+            return values[np.minimum(places, count - 1)]
         # behind the last stamp that was worked out nothing counts: it stays as it was there
         at = np.minimum(stamps - delay, self._t[count - 1])
         return self.between(values, at)
+
+    def _shared_places(self, name: str) -> NDArray[np.int64] | None:
+        """Return which joint stamps a channel's stamps are; None where one is between them."""
+        if name not in self._shared:
+            stamps = self._names[name].t
+            places = np.minimum(np.searchsorted(self._t, stamps), len(self._t) - 1)
+            self._shared[name] = places if (self._t[places] == stamps).all() else None
+        return self._shared[name]
 
     def between(self, values: Array, at: Array) -> Array:
         """Return values (j, channels) at the joints' first j stamps at other stamps."""

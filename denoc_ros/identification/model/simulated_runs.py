@@ -9,6 +9,7 @@ import numpy as np
 
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import DenocError
+from denoc_ros.estimation.joint_motion import SmoothedMotion
 from denoc_ros.identification.model.free_parameters import FreeParameters, SearchPoint
 from denoc_ros.identification.model.innovations import Motion, NearbyMotion
 from denoc_ros.identification.model.prediction import PreparedRun
@@ -16,7 +17,11 @@ from denoc_ros.model.tree import RigidInertia
 from denoc_ros.types import Array
 
 STEP = 1e-4  # of the differences by theta
-NEARBY = 0.01  # of theta: derivatives of a point this near serve as well
+NEARBY = 0.03  # of theta: the linear model of a point this near has the same coefficients
+# rad of the fastest mode between two samples, up to which derivatives by the linear model of the
+# amplitudes move numbers by less than a hundredth of their intervals
+LINEAR_ANGLE = 0.2
+SAME_BEYOND = 0.3  # of theta: so near, simulated derivatives differ alike from linear ones
 
 
 class SimulatedRuns:
@@ -26,6 +31,10 @@ class SimulatedRuns:
     ----------
     until : float
         Part of the runs that matters: what is behind it is not worked out.
+    is_followed : bool
+        Whether the amplitudes have a linear model in all runs.
+    is_linear : bool
+        Whether that model is as good as simulations: no mode is near the sampling rate.
     """
 
     def __init__(self, runs: Sequence[PreparedRun], parameters: FreeParameters) -> None:
@@ -33,11 +42,20 @@ class SimulatedRuns:
         edges = np.cumsum([0, *(sum(len(c.t) for c in run.channels) for run in runs)])
         self._rows = [slice(int(a), int(b)) for a, b in pairwise(edges)]
         self._count = int(edges[-1])
+        robot = parameters.robot
+        self.is_followed = all(run.is_followed(robot) for run in runs)
+        self.is_linear = self.is_followed and all(
+            run.fastest_angle(robot) <= LINEAR_ANGLE for run in runs
+        )
         self.until, self.evaluations = 1.0, 0
+        self.noises: list[
+            SmoothedMotion
+        ] = []  # on the motion of each run's joints; none: no noise
         self._last: tuple[bytes, float, Array] | None = None
         self._motions: tuple[object, Robot, list[Motion]] | None = None
-        self._nearby: tuple[object, list[NearbyMotion]] | None = None
-        self._kept: tuple[object, Array, Array] | None = None
+        self._nearby: tuple[float, Array, list[NearbyMotion]] | None = None
+        self._slopes: tuple[object, Array] | None = None
+        self._beyond: tuple[object, Array, Array] | None = None
 
     def residuals(self, theta: Array) -> Array:
         """Return all residuals in the units of their channels; not finite: no such robot."""
@@ -71,17 +89,22 @@ class SimulatedRuns:
         if self._motions is None or self._motions[0] != key:
             self.evaluations += 1
             robot = self.parameters.robot_at(own)
-            self._motions = key, robot, [run.motion(robot, self.until) for run in self._runs]
+            self._motions = key, robot, self._simulate(robot)
         return self._motions[1:]
 
-    def linear_motions(self, settings: SearchPoint) -> list[NearbyMotion]:
-        """Return the linear models of the amplitudes about the motions of a point."""
-        robot, motions = self.moved(settings)
-        key = self._motions[0] if self._motions else None
-        if self._nearby is None or self._nearby[0] != key:
+    def linear_motions(self, theta: Array) -> list[NearbyMotion]:
+        """Return the linear models of the amplitudes about the motions of a point.
+
+        Those of a point nearby have the same coefficients.
+        """
+        robot, motions = self.moved(self.parameters.settings(theta))
+        kept = self._nearby
+        if kept is None or kept[0] != self.until or np.abs(theta - kept[1]).max() > NEARBY:
             pairs = zip(self._runs, motions, strict=True)
-            self._nearby = key, [run.nearby(robot, motion) for run, motion in pairs]
-        return self._nearby[1]
+            found = [run.nearby(robot, motion) for run, motion in pairs]
+            self._nearby = self.until, theta.copy(), found
+            return found
+        return [each.about(motion) for each, motion in zip(kept[2], motions, strict=True)]
 
     def slopes_by_run(self, theta: Array, places: Sequence[int]) -> Array:
         """Return derivatives of the residuals (m, c) by numbers that move nothing."""
@@ -90,23 +113,87 @@ class SimulatedRuns:
 
     def slopes_nearby(self, theta: Array, places: Sequence[int]) -> Array:
         """Return derivatives of the residuals (m, c), motions nearby by their linear model."""
-        nearby = self.linear_motions(self.parameters.settings(theta))
-        return self._differences(theta, places, lambda robot: [each.of(robot) for each in nearby])
+        key = tuple(places), self.until, theta.tobytes()
+        if self._slopes is None or self._slopes[0] != key:
+            nearby = self.linear_motions(theta)
+            found = self._differences(
+                theta, places, lambda robot: [each.of(robot) for each in nearby]
+            )
+            self._slopes = key, found
+        return self._slopes[1]
 
     def slopes(self, theta: Array, places: Sequence[int]) -> Array:
-        """Return derivatives of the residuals (m, c), each by a simulation of its own.
+        """Return derivatives of the residuals (m, c) as simulations have them.
 
-        Those of a point nearby serve as well.
+        Those of the linear model come near; what simulations of all columns at a point have
+        beyond them changes little, and serves at others as well.
         """
-        key = (tuple(places), self.until)
-        kept = self._kept
-        if kept is None or kept[0] != key or np.abs(theta - kept[1]).max() > NEARBY:
+        linear = self.slopes_nearby(theta, places)
+        key, kept = (tuple(places), self.until), self._beyond
+        if kept is None or kept[0] != key or np.abs(theta - kept[1]).max() > SAME_BEYOND:
             self.evaluations += int(self.parameters.moves_robot[list(places)].sum())
-            found = self._differences(
-                theta, places, lambda robot: [run.motion(robot, self.until) for run in self._runs]
+            found = self._differences(theta, places, self._simulate)
+            self._beyond = kept = key, theta.copy(), found - linear
+        return np.asarray(linear + kept[2])
+
+    def _simulate(self, robot: Robot) -> list[Motion]:
+        noises: Sequence[SmoothedMotion | None] = self.noises or [None] * len(self._runs)
+        pairs = zip(self._runs, noises, strict=True)
+        return [run.motion(robot, self.until, noise) for run, noise in pairs]
+
+    def by_noise(self, theta: Array, draws: Sequence[np.random.Generator]) -> Array:
+        """Return changes of the residuals (m, d) by noise of the joints from d generators.
+
+        The linear model of the amplitudes gives those of the motion where it is as good.
+        """
+        here = self.residuals(theta)
+        settings = self.parameters.settings(theta)
+        robot, _ = self.moved(settings)
+        nearby = self.linear_motions(theta) if self.is_linear else []
+        self.evaluations += 0 if nearby else len(draws)
+        found = np.empty((len(here), len(draws)))
+        for k, (run, rows) in enumerate(zip(self._runs, self._rows, strict=True)):
+            noises = list(run.noise(draws))
+            motions = (
+                nearby[k].shaken(robot, noises)
+                if nearby
+                else (run.motion(robot, self.until, noise) for noise in noises)
             )
-            self._kept = kept = key, theta.copy(), found
-        return kept[2]
+            for column, motion in enumerate(motions):
+                found[rows, column] = np.concatenate(run.residuals(robot, settings, motion))
+        return found - here[:, None]
+
+    def shaken(
+        self, theta: Array, draw: np.random.Generator
+    ) -> tuple[SimulatedRuns, SimulatedRuns]:
+        """Return runs whose joints have noise on top, and those that have it with the other sign.
+
+        Their motions and linear models at a point are ready; they serve no other point.
+        """
+        forth, back = [], []
+        for run in self._runs:
+            (noise,) = run.noise([draw])
+            forth.append(noise)
+            back.append(SmoothedMotion(-noise.q, -noise.qd, -noise.qdd))
+        return self._with_noise(theta, forth), self._with_noise(theta, back)
+
+    def _with_noise(self, theta: Array, noises: Sequence[SmoothedMotion]) -> SimulatedRuns:
+        nearby = self.linear_motions(theta)
+        assert self._motions is not None
+        key, robot, _ = self._motions
+        found = SimulatedRuns(self._runs, self.parameters)
+        moved = []
+        for run, own, noise in zip(self._runs, nearby, noises, strict=True):
+            if self.is_linear:
+                # What is linear in noise cancels: the rest needs the motion to second order.
+                (motion,) = own.shaken(robot, [noise])
+                moved.append(own.about(motion).of(robot))
+            else:
+                moved.append(run.motion(robot, self.until, noise))
+                found.noises.append(noise)
+        found.evaluations += 0 if self.is_linear else 1
+        found.until, found._nearby, found._motions = self.until, self._nearby, (key, robot, moved)
+        return found
 
     def _differences(
         self, theta: Array, places: Sequence[int], motions_of: Callable[[Robot], list[Motion]]
@@ -115,10 +202,12 @@ class SimulatedRuns:
         here = self.residuals(theta)
         settings = self.parameters.settings(theta)
         robot, motions = self.moved(settings)
-        found = np.empty((len(here), len(places)))
-        of_robot = self.parameters.moves_robot
+        found = np.zeros((len(here), len(places)))
+        of_robot, is_searched = self.parameters.moves_robot, self.parameters.is_searched
         # what moves nothing first: it shares what sensors see of the motion here
         for column, k in sorted(enumerate(places), key=lambda each: bool(of_robot[each[1]])):
+            if not is_searched[k]:
+                continue
             change = np.zeros(self.parameters.size)
             change[k] = STEP
             point = self.parameters.settings(theta + change)
@@ -128,7 +217,6 @@ class SimulatedRuns:
                 moved = self.parameters.robot_at(moving)
                 those = motions_of(moved)
             own = self.parameters.runs[k]
-            found[:, column] = 0.0
             for run, motion, rows in zip(self._runs, those, self._rows, strict=True):
                 if own in ('', run.name):
                     there = np.concatenate(run.residuals(moved, point, motion))

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from denoc_ros.dynamics.robot import Robot
-from denoc_ros.identification.model.free_parameters import FreeParameters, SearchPoint
+from denoc_ros.identification.model.free_parameters import SearchPoint
 from denoc_ros.identification.model.innovations import Innovations, LinkedRows, NearbyMotion
 from denoc_ros.identification.model.prediction import PreparedRun
 from denoc_ros.identification.model.robust import huber_residual, huber_slope
@@ -53,8 +53,15 @@ class Whitening:
 
     def follow(self, robot: Robot, settings: SearchPoint, nearby: Sequence[NearbyMotion]) -> None:
         """Follow the vibration about these motions from now on; none: about no motion."""
+        before = {id(motion.transitions): rows for _, motion, rows, _ in self._linked}
         self._linked = [
-            (run, motion, run.linked_rows(robot, settings, motion), run.rate_noise(robot))
+            (
+                run,
+                motion,
+                # the same linear model: rows hang on its states as before
+                before.get(id(motion.transitions)) or run.linked_rows(robot, settings, motion),
+                run.rate_noise(robot),
+            )
             for run, motion in zip(self._runs, nearby, strict=False)
         ]
         self._filters, self._whitened = [], None
@@ -125,35 +132,38 @@ class JointNoise:
         return JointNoise(self.pulls @ numbers, numbers.T @ self.lost @ numbers)
 
 
-def joint_noise(
-    runs: Sequence[PreparedRun],
-    parameters: FreeParameters,
-    whitening: Whitening,
-    simulated: SimulatedRuns,
-    theta: Array,
-) -> JointNoise:
+def joint_noise(whitening: Whitening, simulated: SimulatedRuns, theta: Array) -> JointNoise:
     """Estimate the effect of joint noise on scores and information at theta (p,).
 
-    Noise comes in pairs of both signs: what is linear in it cancels.
+    Noise comes in pairs of both signs: what is linear in it cancels. With one sign the derivatives
+    change by as much as with the other.
     """
-    scores, normal = _at(simulated, whitening, theta)
+    here = _slopes(whitening, simulated, theta)
+    scores, normal = _at(whitening, simulated, theta, here)
     pulls, added = np.zeros((PAIRS, len(theta))), np.zeros(normal.shape)
-    for k in range(2 * PAIRS):
-        draw = np.random.default_rng(k // 2)
-        shaken = SimulatedRuns([run.shaken(draw, 1.0 - 2.0 * (k % 2)) for run in runs], parameters)
-        more, slopes = _at(shaken, whitening, theta)
-        pulls[k // 2] += 0.5 * (more - scores)
-        added += (slopes - normal) / (2 * PAIRS)
-        simulated.evaluations += shaken.evaluations
+    for k in range(PAIRS):
+        pair = simulated.shaken(theta, np.random.default_rng(k))
+        forth = _slopes(whitening, pair[0], theta)
+        for shaken, slopes in zip(pair, (forth, 2.0 * here - forth), strict=True):
+            more, square = _at(whitening, shaken, theta, slopes)
+            pulls[k] += 0.5 * (more - scores)
+            added += (square - normal) / (2 * PAIRS)
+            simulated.evaluations += shaken.evaluations
     return JointNoise(pulls, bounded(added, normal))
 
 
-def _at(simulated: SimulatedRuns, whitening: Whitening, theta: Array) -> tuple[Array, Array]:
-    """Return scores (p,) and J^T J (p, p)."""
+def _slopes(whitening: Whitening, simulated: SimulatedRuns, theta: Array) -> Array:
+    slopes_of = simulated.slopes_nearby if simulated.is_linear else simulated.slopes
+    return whitening(slopes_of(theta, range(len(theta))))
+
+
+def _at(
+    whitening: Whitening, simulated: SimulatedRuns, theta: Array, slopes: Array
+) -> tuple[Array, Array]:
+    """Return scores (p,) and J^T J (p, p) of whitened derivatives (m, p)."""
     whitened = whitening(simulated.residuals(theta))
-    curve = huber_slope(whitened)
-    slopes = curve[:, None] * whitening(simulated.slopes(theta, range(len(theta))))
-    return huber_residual(whitened) @ slopes, slopes.T @ slopes
+    weighted = huber_slope(whitened)[:, None] * slopes
+    return huber_residual(whitened) @ weighted, weighted.T @ weighted
 
 
 def bounded(added: Array, normal: Array) -> Array:

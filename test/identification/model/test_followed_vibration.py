@@ -93,7 +93,7 @@ def test_what_could_not_be_foreseen_is_small_and_white(followed: Followed) -> No
     noise = np.array([followed.run.noise[name] for _, name, _ in search.labels])
     every = np.ones(len(search.row_t), dtype=bool)
     gauge = [name for _, name, _ in search.labels].index('link_1_y')
-    simulated = search.rms(true, every)[gauge] / noise[gauge]
+    simulated = search.rms(search.residuals(true), [every])[0][gauge] / noise[gauge]
     assert simulated > 3.0  # 10: the simulation vibrates as it likes
     search._reweigh(true, every)
     rows = search.whitening.channel == gauge

@@ -27,14 +27,25 @@ def test_a_joint_that_shows_noise_alone_stands_still() -> None:
     assert 0.5e-3 < measured.velocity_noise[1] < 2e-3
 
 
-def test_noise_of_both_signs_cancels() -> None:
-    t = 5e-3 * np.arange(100.0)
-    position = 0.1 * np.sin(5.0 * t)[:, None] + 1e-4 * np.random.default_rng(6).random((100, 1))
-    measured = measured_motion(t, position, None)
-    up, down = (measured.disturbed(np.random.default_rng(0), times) for times in (1.0, -1.0))
-    assert np.abs(up.q - down.q).max() > 1e-6
-    # sums in another order
-    np.testing.assert_allclose(0.5 * (up.qdd + down.qdd), measured.motion.qdd, atol=1e-9)
+@pytest.mark.parametrize('has_rates', [False, True])
+def test_noise_is_what_the_smoothing_makes_of_white_noise(has_rates: bool) -> None:
+    draw, t = np.random.default_rng(6), 5e-3 * np.arange(100.0)
+    position = 0.1 * np.sin(5.0 * t)[:, None] + 1e-4 * draw.random((100, 1))
+    velocity = 0.5 * np.cos(5.0 * t)[:, None] + 1e-3 * draw.random((100, 1))
+    measured = measured_motion(t, position, velocity if has_rates else None)
+    seeds = 0, 1
+    found = list(measured.noise([np.random.default_rng(seed) for seed in seeds]))
+    for seed, noise in zip(seeds, found, strict=True):
+        white = np.random.default_rng(seed).standard_normal((2, 100, 1))
+        q, qd, qdd = measured.smoothers[float(measured.cutoffs[0, 0])](
+            measured.position_noise * white[0]
+        )
+        if has_rates:
+            smoother = measured.smoothers[float(measured.cutoffs[1, 0])]
+            qd, qdd, _ = smoother(measured.velocity_noise * white[1])
+        for own, wanted in ((noise.q, q), (noise.qd, qd), (noise.qdd, qdd)):
+            assert np.abs(wanted).max() > 0.0
+            np.testing.assert_allclose(own, wanted, atol=1e-9 * np.abs(wanted).max())
 
 
 def test_a_slow_joint_moves() -> None:
