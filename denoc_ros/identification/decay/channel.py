@@ -21,7 +21,7 @@ from denoc_ros.identification.tables.joint_table import (
     RecordedWindow,
     shown,
     table_times,
-    warn_unused,
+    used_rows,
 )
 from denoc_ros.identification.tables.tables import is_table, read_table
 from denoc_ros.settings import setting
@@ -30,7 +30,6 @@ from denoc_ros.types import Array, Stamps
 MULTI_ARRAY = 'std_msgs/msg/Float64MultiArray'
 DEFLECTION_UNITS = {'u': 'm', 'r': 'rad'}
 REPEAT = 'with the time of another'
-FEWEST_USED = 0.95  # of the rows: of fewer a result is doubtful
 DEEPEST = 4  # levels of a message that are looked into
 
 
@@ -69,22 +68,12 @@ class Reading:
     origin_ns: int = 0  # stamp of time 0 [ns]; 0 in a table
     # rows or messages in the window that are not in the record, by why
     lost: Mapping[str, int] = field(default_factory=dict)
+    doubt: str = ''  # why a result is doubtful: too few of the rows are used
 
     @property
     def rows(self) -> int:
         """Rows or messages in the window that have the signal."""
         return len(self.record.t) + sum(self.lost.values())
-
-    @property
-    def told(self) -> str:
-        """How many rows are used, and why not all, such as `90 of 100 rows are used (...)`."""
-        why = ', '.join(f'{count} {reason}' for reason, count in self.lost.items() if count)
-        return f'{len(self.record.t)} of {self.rows} rows are used{f" ({why})" if why else ""}'
-
-    @property
-    def doubt(self) -> str:
-        """Why a result of this record is doubtful, '' where enough of the rows are used."""
-        return self.told if len(self.record.t) < FEWEST_USED * self.rows else ''
 
 
 def read_record(path: str | Path, channel: Channel) -> Reading:
@@ -120,11 +109,13 @@ def read_record(path: str | Path, channel: Channel) -> Reading:
     if channel.topic:
         _require_own_stamps(path, channel, t[window])
     record = Record(t[window], values, f'{path.name}: {channel.name}', unit)
+    # The rows that were not read lie anywhere in the file: a window has its share of them.
+    lost = {why: round(count * np.mean(window)) for why, count in lost.items()}
     lost[REPEAT] = len(values) - len(record.t)
-    reading = Reading(record, path, replace(channel, unit=unit), origin_ns, lost)
-    if any(lost.values()):
-        warn_unused(f'{record.name}: {reading.told}')
-    return reading
+    rows = len(record.t) + sum(lost.values())
+    why = ', '.join(f'{count} {reason}' for reason, count in lost.items() if count)
+    doubt = used_rows(record.name, len(record.t), rows, why)
+    return Reading(record, path, replace(channel, unit=unit), origin_ns, lost, doubt)
 
 
 def _require_own_stamps(path: Path, channel: Channel, t: Array) -> None:

@@ -18,9 +18,14 @@ from denoc_ros.bags.series import JointSeries, read_joint_states
 from denoc_ros.errors import BagError, ConfigError, IdentificationError
 from denoc_ros.estimation.turns import nearest_turns, unwrap_path, without_turns
 from denoc_ros.identification.decay.channel import Channel
-from denoc_ros.identification.decay.modes import worst
+from denoc_ros.identification.decay.modes import DOUBTFUL, worst
 from denoc_ros.identification.servo.servo_fit import Run, ServoFit, fit_servo_runs
-from denoc_ros.identification.tables.joint_table import joint_columns, joints_with, table_times
+from denoc_ros.identification.tables.joint_table import (
+    joint_columns,
+    joints_with,
+    table_times,
+    used_rows,
+)
 from denoc_ros.identification.tables.tables import is_table, read_table
 from denoc_ros.output_files import Document, plain
 from denoc_ros.settings import setting
@@ -153,8 +158,15 @@ def _trajectory(item: BagMessage) -> list[tuple[int, tuple[str, ...], SplineTraj
     return [(begin, names, SplineTrajectory(times - times[0], q, rates, changes))]
 
 
-def servo_runs(path: Path, options: ServoOptions) -> dict[str, Run]:
+def servo_runs(
+    path: Path, options: ServoOptions, doubts: list[str] | None = None
+) -> dict[str, Run]:
     """Return times, commands and positions of each joint of a bag or a table.
+
+    Parameters
+    ----------
+    doubts : list of str, optional
+        Takes why a result is doubtful: too few rows of a table are used.
 
     Raises
     ------
@@ -162,7 +174,7 @@ def servo_runs(path: Path, options: ServoOptions) -> dict[str, Run]:
         It cannot be read, or has no such joints.
     """
     if is_table(path):
-        return _of_table(path, options)
+        return _of_table(path, options, [] if doubts is None else doubts)
     if options.columns:
         raise BagError(f'{path}: --column must come with a table, got a bag')
     stamp = options.channel.stamp
@@ -178,7 +190,7 @@ def servo_runs(path: Path, options: ServoOptions) -> dict[str, Run]:
     return found
 
 
-def _of_table(path: Path, options: ServoOptions) -> dict[str, Run]:
+def _of_table(path: Path, options: ServoOptions, doubts: list[str]) -> dict[str, Run]:
     given, columns, channel = read_table(path), options.columns, options.channel
     told = [name.rpartition('.')[0] for name in columns]
     known = list(dict.fromkeys([*told, *joints_with(given, FIELDS)]))
@@ -205,11 +217,13 @@ def _of_table(path: Path, options: ServoOptions) -> dict[str, Run]:
                 f'{path}: columns of {name} must be as long as the times ({len(t)}), got '
                 f'{len(command)} and {len(position)}'
             )
+        every = given.left_out + np.count_nonzero(np.isfinite(command) | np.isfinite(position))
         whole = np.isfinite(t) & np.isfinite(command) & np.isfinite(position)
         t, command, position = t[whole], command[whole], position[whole]
         later = np.concatenate(([True], np.diff(np.maximum.accumulate(t)) > 0.0))[: len(t)]
         t, command, position = t[later], command[later], position[later]
         command, position = (_unwrapped(t, each) for each in (command, position))
+        doubts += filter(None, [used_rows(f'{path}: {name}', len(t), every)])
         if len(t) < 2:
             raise BagError(f'{path}: {name} must have two rows with times, got {len(t)}')
         grid = np.arange(
@@ -279,7 +293,8 @@ def identify_servos(
     paths: Sequence[Path], options: ServoOptions
 ) -> tuple[Document, list[tuple[ServoFit, Run]]]:
     """Identify the servos of joints from recordings, which are fitted together."""
-    read = [servo_runs(path, options) for path in paths]
+    doubts: list[str] = []
+    read = [servo_runs(path, options, doubts) for path in paths]
     found: list[tuple[ServoFit, Run]] = []
     none = []
     for name in dict.fromkeys(name for runs in read for name in runs):
@@ -324,7 +339,10 @@ def identify_servos(
             for fit in fits
         },
         'not_moved': none,
-        'verdict': worst(tuple(fit.verdict for fit in fits)),
-        'reasons': [f'{fit.joint}: {reason}' for fit in fits for reason in fit.reasons],
+        'verdict': worst((*(fit.verdict for fit in fits), *[DOUBTFUL] * bool(doubts and fits))),
+        'reasons': [
+            *(f'{fit.joint}: {reason}' for fit in fits for reason in fit.reasons),
+            *doubts,
+        ],
     }
     return dict(plain(document)), found

@@ -24,6 +24,7 @@ from denoc_ros.types import Array
 SEPARATORS = './_ '  # between a joint's name and what of it a column holds
 LOG = logging.getLogger('denoc_ros')
 SHOWN = 20  # names in a message
+FEWEST_USED = 0.95  # of the rows: of fewer a result is doubtful
 MOST_PER_STAMP = 2.0  # rows, on average, of which one would be used
 FIRST_NS = 1_000_000_000  # a stamp of 0 would say that there is none
 
@@ -51,9 +52,16 @@ class RecordedWindow(TableTimes):
     end: float = setting(math.inf, 'last time, since the same', 's')
 
 
+def used_rows(whose: str, used: int, every: int, why: str = '') -> str:
+    """Log, once, where not all rows are used; return why that makes a result doubtful, else ''."""
+    told = f'{used} of {every} rows are used{f" ({why})" if why else ""}'
+    if used < every:
+        _warn_once(f'{whose}: {told}')
+    return told if used < FEWEST_USED * every else ''
+
+
 @lru_cache(maxsize=1000)
-def warn_unused(text: str) -> None:
-    """Log, once, that not all rows of a recording are used."""
+def _warn_once(text: str) -> None:
     LOG.warning(text)
 
 
@@ -202,9 +210,7 @@ def joints_of_table(
     stamps = FIRST_NS + np.rint(1e9 * np.nan_to_num(t)).astype(np.int64)
     stamps[~np.isfinite(t)] = 0
     used, every = len(np.unique(stamps[stamps > 0])), len(t) + given.left_out
-    if used < every:
-        why = 'the others have no time, the time of another or other cells'
-        warn_unused(f'{path}: {used} of {every} rows are used: {why}')
+    used_rows(str(path), used, every, 'the others have no time, that of another or other cells')
     return JointSeries(t, tuple(names), **fields, stamp_ns=stamps, log_ns=stamps)
 
 

@@ -13,6 +13,7 @@ from denoc_ros.cli.main import main
 from denoc_ros.errors import BagError
 from denoc_ros.identification.decay.channel import Channel, channels_of, read_record
 from denoc_ros.identification.identification_result import DecayOptions, identify_decay
+from denoc_ros.identification.servo.servo_runs import ServoOptions, identify_servos
 from denoc_ros.identification.tables.joint_table import TableTimes, joints_of_table
 from denoc_ros.identification.tables.tables import read_table
 
@@ -119,6 +120,31 @@ def test_rows_of_joints_that_are_not_used_are_told(
     path = written(tmp_path / 'a.csv', 'no time', broken)
     joints_of_table(path, read_table(path), ['tip'], {}, TableTimes())
     assert f'{ROWS - int(broken.sum())} of {ROWS} rows are used' in caplog.text
+
+
+def test_rows_outside_of_a_window_do_not_count(tmp_path: Path) -> None:
+    broken = (np.arange(ROWS) % 20 == 1) & (T > 5.0)  # 2.5 % of all
+    path = written(tmp_path / 'a.csv', 'other cells', broken)
+    reading = read_record(path, Channel(field='tip', end=2.0))
+    assert not reading.doubt
+    assert len(reading.record.t) < reading.rows < 1.05 * len(reading.record.t)
+
+
+@pytest.mark.parametrize(('each', 'is_doubtful'), [(50, False), (10, True)])
+def test_a_servo_of_too_few_rows_is_doubtful(
+    tmp_path: Path, each: int, is_doubtful: bool, caplog: pytest.LogCaptureFixture
+) -> None:
+    told = np.minimum(T, 1.0) * np.sin(T)
+    rows = [
+        f'{t},{c},{p}' if k % each != 1 else f'{t}'
+        for k, (t, c, p) in enumerate(zip(T, told, np.interp(T - 0.1, T, told), strict=True))
+    ]
+    (tmp_path / 'a.csv').write_text('\n'.join(['time,elbow/command,elbow/position', *rows]))
+    document, _ = identify_servos([tmp_path / 'a.csv'], ServoOptions(Channel()))
+    lost = ROWS // each
+    assert f'{ROWS - lost} of {ROWS} rows are used' in caplog.text
+    assert any('rows are used' in reason for reason in document['reasons']) == is_doubtful
+    assert not (is_doubtful and document['verdict'] == 'good')
 
 
 HEADER = """LabVIEW Measurement\t
