@@ -135,3 +135,36 @@ def test_a_report_of_some_phases_measures_these(tmp_path: Path) -> None:
     assert list(dn.report(tmp_path, phases=['flexible']).summary['phases']) == ['flexible']
     with pytest.raises(dn.BagError, match=r"--phase must be .*'rigid', 'flexible'.*got 'soft'"):
         dn.report(tmp_path, phases=['soft'])
+
+
+def test_a_reference_and_joints_a_turn_apart_are_followed(tmp_path: Path) -> None:
+    source = planar_chain([RIGID]).replace('type="revolute"', 'type="continuous"')
+    (joint,) = dn.load_robot(source).joint_names
+    errors = []
+    for wraps in (False, True):
+        path = tmp_path / f'{wraps}.mcap'
+        with BagWriter(path) as bag:
+            bag.attach(DESCRIPTION_ATTACHMENT, source)
+            bag.add_topic('/joint_states', 'sensor_msgs/msg/JointState')
+            bag.add_topic('/reference', 'trajectory_msgs/msg/JointTrajectory')
+            ends = [{'sec': 0, 'nanosec': 0}, {'sec': 2, 'nanosec': 0}]
+            points = [
+                {'positions': [q], 'velocities': [0.0], 'time_from_start': end}
+                for q, end in zip((2.5, 4.0), ends, strict=True)
+            ]
+            header = {'stamp': {'sec': 1, 'nanosec': 0}}
+            bag.write_message(
+                '/reference', 10**9, header=header, joint_names=[joint], points=points
+            )
+            for k in range(201):
+                share = k / 200
+                angle = 2.51 + 1.5 * share**2 * (3.0 - 2.0 * share)
+                if wraps:
+                    angle = (angle + np.pi) % (2.0 * np.pi) - np.pi
+                bag.write_message(
+                    '/joint_states', 10**9 + k * 10**7, name=[joint], position=[angle]
+                )
+        (phase,) = dn.report(path).summary['phases'].values()
+        errors.append(phase['joint_error'][joint]['max'])
+    assert errors[1] == pytest.approx(errors[0], abs=1e-9)
+    assert errors[0] == pytest.approx(0.01, abs=1e-3)

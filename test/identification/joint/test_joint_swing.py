@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,8 +13,9 @@ from scipy.integrate import solve_ivp
 from scipy.special import ellipk
 
 import denoc_ros as dn
+from denoc_ros.identification.decay.channel import Channel
 from denoc_ros.identification.decay.records import Record
-from denoc_ros.identification.joint.joint_swing import fit_joint
+from denoc_ros.identification.joint.joint_swing import JointOptions, fit_joint, identify_joint
 from denoc_ros.identification.joint.swing import JointSwing, swing_angles
 
 Floats = NDArray[np.float64]
@@ -152,3 +154,18 @@ def test_servo_pendulum_has_viscous_and_coulomb_friction() -> None:
     viscous = next(model for model in fit.models if model.terms == ('viscous',))
     assert viscous.residual > 1.9 * fit.residual
     assert 'times the residual' in viscous.rejected
+
+
+def test_a_swing_about_half_a_turn_is_that_about_zero(tmp_path: Path) -> None:
+    record = measured_swing(0.004, 0.02)
+    angles = {'plain': record.y, 'wrapped': (record.y + 2.0 * np.pi) % (2.0 * np.pi) - np.pi}
+    found = []
+    for name, y in angles.items():
+        path = tmp_path / f'{name}.csv'
+        rows = np.column_stack([record.t, y])
+        np.savetxt(path, rows, delimiter=',', header='time,swing', comments='')
+        _, read, fit = identify_joint(path, Channel(field='swing'), JointOptions(inertia=INERTIA))
+        found.append((np.diff(read.y), fit))
+    assert np.abs(np.diff(angles['wrapped'])).max() > 6.0
+    np.testing.assert_allclose(found[1][0], found[0][0], atol=1e-9)
+    assert found[1][1].viscous == pytest.approx(found[0][1].viscous, rel=1e-4)

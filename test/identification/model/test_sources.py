@@ -223,3 +223,62 @@ def test_currents_times_torque_constants_are_efforts(rig: dn.Robot, tmp_path: Pa
         bad = replace(settings, torque_constants={joint: constant})
         with pytest.raises(dn.BagError, match=rule):
             read_source(file, rig, bad)
+
+
+TURNING = """<robot name="boom"><link name="base"/>
+<link name="boom"><inertial><origin xyz="0.5 0 0"/><mass value="1"/>
+<inertia ixx="0.01" ixy="0" ixz="0" iyy="0.1" iyz="0" izz="0.1"/></inertial></link>
+<joint name="swing" type="continuous"><parent link="base"/><child link="boom"/>
+<axis xyz="0 0 1"/><limit effort="50" velocity="10"/></joint></robot>"""
+
+
+@pytest.mark.parametrize('with_rates', [False, True])
+def test_turns_of_a_continuous_joint_change_nothing(tmp_path: Path, with_rates: bool) -> None:
+    robot, t = dn.load_robot(TURNING), 0.01 * np.arange(300)
+    q = 2.4 + 1.8 * np.sin(t)
+    columns = {'swing/position': q, 'swing/effort': -1.8 * np.sin(t)}
+    columns |= {'swing/velocity': 1.8 * np.cos(t)} if with_rates else {}
+    wrapped = columns | {'swing/position': (q + np.pi) % (2.0 * np.pi) - np.pi}
+    assert np.abs(np.diff(wrapped['swing/position'])).max() > 6.0
+    plain, turned = (
+        read_source(table(tmp_path / name, time=t, **each), robot)
+        for name, each in (('plain.csv', columns), ('wrapped.csv', wrapped))
+    )
+    np.testing.assert_allclose(turned.position, plain.position, atol=1e-9)
+    assert turned.doubts == plain.doubts == ()
+
+
+def test_jumps_that_are_no_turns_are_doubted(tmp_path: Path) -> None:
+    robot, t = dn.load_robot(TURNING), 0.01 * np.arange(300)
+    q = 0.3 * np.sin(t)
+    q[100] += 0.8
+    q[200:] += 0.5
+    path = table(tmp_path / 'jumps.csv', time=t, **{'swing/position': q, 'swing/effort': q})
+    recording = read_source(path, robot)
+    wild, place = recording.doubts
+    assert wild.startswith('swing: position must be without wild samples, got 2 jumps')
+    assert place.startswith('swing: position must go on, got 1 jump, the first by 0.499')
+    found = dn.identify_model(robot, recording, ['joint.swing.damping'])
+    assert {f'jumps.csv: {doubt}' for doubt in recording.doubts} <= {*found.reasons}
+
+
+@pytest.mark.parametrize('size', [1e-300, 1e-12])
+def test_an_effort_that_is_rounding_counts_as_none(size: float) -> None:
+    pendulum = dn.load_robot(ROBOTS / 'rigid_pendulum.urdf')
+    run = recorded(pendulum, sweeping(1, 3), 2.0)
+    free = ['link.*.inertial', 'joint.*.damping', 'effort.joint_1.gain', 'delay.effort']
+    found = [
+        dn.identify_model(pendulum, replace(run, effort=effort), free, held_out=0.0)
+        for effort in (0.0 * run.effort, size * np.sin(50.0 * run.t)[:, None])
+    ]
+    assert found[1].verdict == found[0].verdict
+    assert found[1].values == pytest.approx(found[0].values)
+
+
+def test_an_effort_that_is_a_current_is_a_reason() -> None:
+    pendulum = dn.load_robot(ROBOTS / 'rigid_pendulum.urdf')
+    run = recorded(pendulum, sweeping(1, 3), 3.0)
+    found = dn.identify_model(
+        pendulum, replace(run, effort=run.effort / 12.0), ['joint.joint_1.damping']
+    )
+    assert any('effort must be the torque of the joint' in reason for reason in found.reasons)

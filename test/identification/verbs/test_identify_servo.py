@@ -12,6 +12,8 @@ from page_look import require_one_look
 
 from denoc_ros.bags.writer import BagWriter
 from denoc_ros.cli.main import main
+from denoc_ros.identification.decay.channel import Channel
+from denoc_ros.identification.servo.servo_runs import ServoOptions, servo_runs
 from denoc_ros.planning.shapers.joint_servo import joint_servo
 from denoc_ros.types import Array
 
@@ -151,3 +153,33 @@ def test_tables_without_commands_say_which_columns_they_have(
     assert 'j1 must have a column of its position' in capsys.readouterr().err
     assert main(['identify', 'servo', str(bag), '--column', 'j1.command=goal']) == 1
     assert '--column must come with a table, got a bag' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize('topic', ['/reference', '/told'])
+def test_positions_that_wrap_give_what_the_others_give(tmp_path: Path, topic: str) -> None:
+    """Both joints pass half a turn; the measured ones begin a turn away from the commands."""
+    runs = []
+    for wraps in (False, True):
+        path = tmp_path / f'{wraps}.mcap'
+        with BagWriter(path) as writer:
+            writer.add_topic('/joint_states', 'sensor_msgs/msg/JointState')
+            writer.add_topic('/reference', 'trajectory_msgs/msg/JointTrajectory')
+            writer.add_topic('/told', 'sensor_msgs/msg/JointState')
+            for t in np.arange(0.0, 2.0, STEP).tolist():
+                now = 10 * SECOND + round(t * SECOND)
+                told, measured = (3.0 + motion(np.array([at]))[0] for at in (t, t - 0.02))
+                if wraps:
+                    told = (told + np.pi) % (2.0 * np.pi) - np.pi
+                    measured = (measured + np.pi) % (2.0 * np.pi) - np.pi - 2.0 * np.pi
+                writer.write_message('/told', now, name=NAMES, position=told.tolist())
+                header = {'stamp': stamp(10.0 + t)}
+                writer.write_message(
+                    '/reference', now, header=header, joint_names=NAMES, points=[point(0.0, told)]
+                )
+                writer.write_message('/joint_states', now, name=NAMES, position=measured.tolist())
+        runs.append(servo_runs(path, ServoOptions(Channel(topic='/joint_states'), topic)))
+    for name in NAMES:
+        for plain, wrapped in zip(runs[0][name], runs[1][name], strict=True):
+            np.testing.assert_allclose(wrapped - plain, wrapped[0] - plain[0], atol=1e-9)
+        _, told, measured = runs[1][name]
+        assert np.abs(told - measured).max() < 0.5

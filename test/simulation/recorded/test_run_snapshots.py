@@ -260,3 +260,23 @@ def test_a_predicted_state_without_springs_behind_measured_links_bends(tmp_path:
     bend, spring = (robot.coordinate_names.index(name) for name in ('fore/z1', 'elbow/spring'))
     np.testing.assert_allclose(run.q[-1][[*robot.joint_indices, bend]], [0.3, -0.2, 0.01])
     assert not run.q[:, spring].any()
+
+
+TURNING = """<robot name="boom"><link name="base"/>
+<link name="boom"><inertial><origin xyz="0.5 0 0"/><mass value="1"/>
+<inertia ixx="0.01" ixy="0" ixz="0" iyy="0.1" iyz="0" izz="0.1"/></inertial></link>
+<joint name="swing" type="continuous"><parent link="base"/><child link="boom"/>
+<axis xyz="0 0 1"/><limit effort="50" velocity="10"/></joint></robot>"""
+
+
+def test_a_continuous_joint_goes_on_where_its_position_wraps(tmp_path: Path) -> None:
+    robot = load_robot(TURNING)
+    t = 0.02 * np.arange(100)
+    rows: list[tuple[float, dict[str, object]]] = [
+        (at, {'name': ['swing'], 'position': [(2.0 * at + 3.0 * np.pi) % (2 * np.pi) - np.pi]})
+        for at in t
+    ]
+    run = RecordedRun(written(tmp_path / 'run', {'joint_states': rows}), robot)
+    np.testing.assert_allclose(run.q[:, 0] - run.q[0, 0], 2.0 * run.t, atol=1e-9)
+    between = run.at(0.5 * (run.t[1:] + run.t[:-1]))
+    np.testing.assert_allclose(np.diff(between[:, 0]), 2.0 * np.diff(run.t)[1:], atol=1e-9)
