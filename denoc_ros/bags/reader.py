@@ -313,9 +313,9 @@ def require_readable(path: Path) -> Path:
     if not path.is_file():
         raise BagError(f'{path}: bag must be a folder or a regular file, got another kind')
     if not path.name.endswith(BAG_SUFFIXES):
+        rule = f'{path}: bag must be a rosbag2 folder, a .mcap or a .db3 file'
         kind = other_kind(path)
-        got = f', got {kind}' if kind else ''
-        raise BagError(f'{path}: bag must be a rosbag2 folder, a .mcap or a .db3 file{got}')
+        raise BagError(f'{rule}, got {kind}' if kind else rule)
     # What does not even begin as MCAP is not unfinished but something else.
     if path.suffix == '.mcap' and is_mcap(path) and not _is_finished(path):
         raise BagError(_unfinished(path))
