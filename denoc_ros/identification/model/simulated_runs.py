@@ -143,8 +143,8 @@ class SimulatedRuns:
         return np.asarray(linear + kept[2])
 
     def _simulate(self, robot: Robot) -> list[Motion]:
-        noises = self.noises or [None] * len(self._runs)
-        pairs = zip(self._runs, noises, strict=True)
+        """Return the motions of a robot along the runs, with the noise that they have."""
+        pairs = zip(self._runs, self._noises, strict=True)
         return [run.motion(robot, self.until, noise) for run, noise in pairs]
 
     def by_noise(self, theta: Array, draws: Sequence[np.random.Generator]) -> Array:
@@ -176,11 +176,8 @@ class SimulatedRuns:
 
         Their motions and linear models at a point are ready; they serve no other point.
         """
-        forth, back = [], []
-        for run in self._runs:
-            (noise,) = run.noise([draw])
-            forth.append(noise)
-            back.append(SmoothedMotion(-noise.q, -noise.qd, -noise.qdd))
+        forth = [noise for run in self._runs for noise in run.noise([draw])]
+        back = [SmoothedMotion(-noise.q, -noise.qd, -noise.qdd) for noise in forth]
         return self._with_noise(theta, forth), self._with_noise(theta, back)
 
     def _with_noise(self, theta: Array, noises: Sequence[SmoothedMotion]) -> SimulatedRuns:
@@ -188,17 +185,18 @@ class SimulatedRuns:
         assert self._motions is not None
         key, robot, _ = self._motions
         found = SimulatedRuns(self._runs, self.parameters)
-        moved = []
-        for run, own, noise in zip(self._runs, nearby, noises, strict=True):
-            if self.is_linear:
-                # What is linear in noise cancels: the rest needs the motion to second order.
-                (motion,) = own.shaken(robot, [noise])
-                moved.append(own.about(motion).of(robot))
-            else:
-                moved.append(run.motion(robot, self.until, noise))
-                found.noises.append(noise)
-        found.evaluations += 0 if self.is_linear else 1
-        found.until, found._nearby, found._motions = self.until, self._nearby, (key, robot, moved)
+        found.until, found._nearby, found._noises = self.until, self._nearby, [*noises]
+        if self.is_linear:
+            # What is linear in noise cancels: the rest needs the motion to second order.
+            first = [
+                own.about(motion)
+                for own, noise in zip(nearby, noises, strict=True)
+                for motion in own.shaken(robot, [noise])
+            ]
+            moved = [each.of(robot) for each in first]
+        else:
+            moved, found.evaluations = found._simulate(robot), 1
+        found._motions = key, robot, moved
         return found
 
     def _differences(

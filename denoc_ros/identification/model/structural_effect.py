@@ -38,7 +38,7 @@ def _random_states(robot: Robot) -> Array:
     Those are amplitudes that neither the joints nor the other amplitudes accelerate.
     """
     bends, joints = robot.flexible_indices, robot.joint_indices
-    states = np.random.default_rng(0).standard_normal((3, STATES, robot.n))
+    states: Array = np.random.default_rng(0).standard_normal((3, STATES, robot.n))
     states[0][:, bends] *= BENT
     is_bend = np.isin(np.setdiff1d(np.arange(robot.n), joints), bends)
     at_rest = np.ones(len(bends), dtype=bool)
