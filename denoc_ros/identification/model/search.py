@@ -34,10 +34,13 @@ BETWEEN, MOST_EVALUATIONS = 5, 40
 # of theta: a step from a point that fewer samples gave, from which no other step is needed, and
 # how many there are at most
 SHORT_STEP, FEW_STEPS = 0.3, 4
+LAST = 12  # the same of a fit by simulated derivatives
 STILL_CHANGE = 1e-4  # change of theta that needs no other round
+SAME_FILTER = 1e-3  # change of theta with which a filter stays
 SETTLED = 0.03  # change of a deviation that needs no other round
 LOST = 1e6  # standard deviations that a robot which cannot be is off by
 GROWING = (0.08, 0.2, 0.45)  # parts of the runs that a flexible robot is first fitted to
+SETTLING = 5  # fits by simulated derivatives, weights and filters taken anew where they end
 FEWEST_ROWS = 25  # of each channel in such a part
 DRAWS = 24  # of the joints' noise, for the intervals
 ROUNDING = 1e-5  # of a channel's largest value: nothing that varies less is a signal
@@ -314,18 +317,29 @@ class ModelSearch:
         rate, and a search by them ends beside its goal: there it ends by simulated ones.
         """
         for _ in range(ROUNDS):
+            before, last = self.deviation.copy(), theta
+            theta = self._least_squares(theta, rows, COARSE, BETWEEN)
+            is_still = self._is_still(last, theta)
+            if is_still and rough:
+                return theta
+            self._reweigh(theta, rows)
+            if is_still and np.abs(self.deviation / before - 1.0).max() < SETTLED:
+                break
+        if rough or self._simulated.is_linear:
+            return self._least_squares(theta, rows, FINE)
+        self._is_exact = True
+        for _ in range(SETTLING):
             last = theta
-            theta = self._least_squares(theta, rows, FINE if self._is_exact else COARSE, BETWEEN)
-            moved = self.jacobian(theta) @ (theta - last)
-            if moved @ moved < len(theta):
-                if rough or self._is_exact:
-                    return theta
-                self._is_exact = not self._simulated.is_linear
-                if not self._is_exact:
-                    self._reweigh(theta, rows)
-                    return self._least_squares(theta, rows, FINE)
+            theta = self._least_squares(theta, rows, FINE, LAST)
+            if self._is_still(last, theta):
+                break
             self._reweigh(theta, rows)  # what is white at one point is not far from it
         return theta
+
+    def _is_still(self, last: Array, theta: Array) -> bool:
+        """Say whether the residuals hardly change from one theta to another."""
+        moved = self.jacobian(theta) @ (theta - last)
+        return bool(moved @ moved < len(theta))
 
     def _is_enough(self, rows: NDArray[np.bool_]) -> bool:
         """Say whether each channel has rows for a fit of its own."""
@@ -349,7 +363,7 @@ class ModelSearch:
             self.whitening.deviation = self._least
         settings = self.parameters.settings(theta)
         robot, _ = self._simulated.moved(settings)
-        self.whitening.follow(robot, settings, self._simulated.linear_motions(theta))
+        self.whitening.follow(robot, settings, self._simulated.linear_motions(theta, SAME_FILTER))
         deviation = self.deviation
         for _ in range(PASSES):
             self.whitening.weigh(deviation, residual)

@@ -17,7 +17,7 @@ from denoc_ros.model.tree import RigidInertia
 from denoc_ros.types import Array
 
 STEP = 1e-4  # of the differences by theta
-NEARBY = 0.03  # of theta: the linear model of a point this near has the same coefficients
+NEARBY = 0.003  # of theta: derivatives of a point this near take the same linear model
 # rad of the fastest mode between two samples, up to which derivatives by the linear model of the
 # amplitudes move numbers by less than a hundredth of their intervals
 LINEAR_ANGLE = 0.2
@@ -92,14 +92,14 @@ class SimulatedRuns:
             self._motions = key, robot, self._simulate(robot)
         return self._motions[1:]
 
-    def linear_motions(self, theta: Array) -> list[NearbyMotion]:
+    def linear_motions(self, theta: Array, within: float) -> list[NearbyMotion]:
         """Return the linear models of the amplitudes about the motions of a point.
 
-        Those of a point nearby have the same coefficients.
+        Those of a point that is within some distance have the same coefficients.
         """
         robot, motions = self.moved(self.parameters.settings(theta))
         kept = self._nearby
-        if kept is None or kept[0] != self.until or np.abs(theta - kept[1]).max() > NEARBY:
+        if kept is None or kept[0] != self.until or np.abs(theta - kept[1]).max() > within:
             pairs = zip(self._runs, motions, strict=True)
             found = [run.nearby(robot, motion) for run, motion in pairs]
             self._nearby = self.until, theta.copy(), found
@@ -111,11 +111,17 @@ class SimulatedRuns:
         motions = self.moved(self.parameters.settings(theta))[1]
         return self._differences(theta, places, lambda _: motions)
 
-    def slopes_nearby(self, theta: Array, places: Sequence[int]) -> Array:
-        """Return derivatives of the residuals (m, c), motions nearby by their linear model."""
-        key = tuple(places), self.until, theta.tobytes()
+    def slopes_nearby(
+        self, theta: Array, places: Sequence[int], within: float | None = None
+    ) -> Array:
+        """Return derivatives of the residuals (m, c), motions nearby by their linear model.
+
+        The model is that of a point which is within some distance; default `NEARBY`.
+        """
+        nearby = self.linear_motions(theta, NEARBY if within is None else within)
+        assert self._nearby is not None
+        key = tuple(places), self.until, theta.tobytes(), self._nearby[1].tobytes()
         if self._slopes is None or self._slopes[0] != key:
-            nearby = self.linear_motions(theta)
             found = self._differences(
                 theta, places, lambda robot: [each.of(robot) for each in nearby]
             )
@@ -128,7 +134,7 @@ class SimulatedRuns:
         Those of the linear model come near; what simulations of all columns at a point have
         beyond them changes little, and serves at others as well.
         """
-        linear = self.slopes_nearby(theta, places)
+        linear = self.slopes_nearby(theta, places, 0.0)
         key, kept = (tuple(places), self.until), self._beyond
         if kept is None or kept[0] != key or np.abs(theta - kept[1]).max() > SAME_BEYOND:
             self.evaluations += int(self.parameters.moves_robot[list(places)].sum())
@@ -137,8 +143,8 @@ class SimulatedRuns:
         return np.asarray(linear + kept[2])
 
     def _simulate(self, robot: Robot) -> list[Motion]:
-        noises: Sequence[SmoothedMotion | None] = self.noises or [None] * len(self._runs)
-        pairs = zip(self._runs, noises, strict=True)
+        """Return the motions of a robot along the runs, with the noise that they have."""
+        pairs = zip(self._runs, self._noises, strict=True)
         return [run.motion(robot, self.until, noise) for run, noise in pairs]
 
     def by_noise(self, theta: Array, draws: Sequence[np.random.Generator]) -> Array:
@@ -149,7 +155,7 @@ class SimulatedRuns:
         here = self.residuals(theta)
         settings = self.parameters.settings(theta)
         robot, _ = self.moved(settings)
-        nearby = self.linear_motions(theta) if self.is_linear else []
+        nearby = self.linear_motions(theta, NEARBY) if self.is_linear else []
         self.evaluations += 0 if nearby else len(draws)
         found = np.empty((len(here), len(draws)))
         for k, (run, rows) in enumerate(zip(self._runs, self._rows, strict=True)):
@@ -170,29 +176,27 @@ class SimulatedRuns:
 
         Their motions and linear models at a point are ready; they serve no other point.
         """
-        forth, back = [], []
-        for run in self._runs:
-            (noise,) = run.noise([draw])
-            forth.append(noise)
-            back.append(SmoothedMotion(-noise.q, -noise.qd, -noise.qdd))
+        forth = [noise for run in self._runs for noise in run.noise([draw])]
+        back = [SmoothedMotion(-noise.q, -noise.qd, -noise.qdd) for noise in forth]
         return self._with_noise(theta, forth), self._with_noise(theta, back)
 
     def _with_noise(self, theta: Array, noises: Sequence[SmoothedMotion]) -> SimulatedRuns:
-        nearby = self.linear_motions(theta)
+        nearby = self.linear_motions(theta, NEARBY)
         assert self._motions is not None
         key, robot, _ = self._motions
         found = SimulatedRuns(self._runs, self.parameters)
-        moved = []
-        for run, own, noise in zip(self._runs, nearby, noises, strict=True):
-            if self.is_linear:
-                # What is linear in noise cancels: the rest needs the motion to second order.
-                (motion,) = own.shaken(robot, [noise])
-                moved.append(own.about(motion).of(robot))
-            else:
-                moved.append(run.motion(robot, self.until, noise))
-                found.noises.append(noise)
-        found.evaluations += 0 if self.is_linear else 1
-        found.until, found._nearby, found._motions = self.until, self._nearby, (key, robot, moved)
+        found.until, found._nearby, found._noises = self.until, self._nearby, [*noises]
+        if self.is_linear:
+            # What is linear in noise cancels: the rest needs the motion to second order.
+            first = [
+                own.about(motion)
+                for own, noise in zip(nearby, noises, strict=True)
+                for motion in own.shaken(robot, [noise])
+            ]
+            moved = [each.of(robot) for each in first]
+        else:
+            moved, found.evaluations = found._simulate(robot), 1
+        found._motions = key, robot, moved
         return found
 
     def _differences(

@@ -26,7 +26,7 @@ def robot() -> Robot:
     return dn.load_robot(ROBOTS / 'canadarm_gauges.urdf', gravity=(0.0, -9.81, 0.0))
 
 
-T: Array = np.asarray(PERIOD * np.arange(COUNT), dtype=np.float64)
+T: Array = PERIOD * np.arange(COUNT, dtype=np.float64)
 STARTS = np.isin(np.arange(COUNT), (0, 350))
 
 

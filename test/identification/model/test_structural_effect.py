@@ -42,6 +42,20 @@ def test_in_a_tilted_joint_every_coordinate_of_the_load_counts(planar: Robot) ->
     assert idle(robot, ['payload.tool']) == set()
 
 
+@pytest.mark.parametrize(('gravity', 'is_idle'), [(0.0, True), (-9.81, False)])
+def test_bending_across_the_plane_needs_a_force_across_it(gravity: float, is_idle: bool) -> None:
+    """A beam that no motion bends across the plane shows neither rigidity nor damping there."""
+    text = (ROBOTS / 'canadarm_gauges.urdf').read_text(encoding='utf-8')
+    both = text.replace(
+        '<bending direction="y" ei="200000" modes="2" damping_ratio="0.005"/>',
+        '<bending direction="y" ei="200000" modes="2" damping_ratio="0.005"/>'
+        '<bending direction="z" ei="200000" modes="2" damping_ratio="0.005"/>',
+    )
+    robot = dn.load_robot(both, gravity=(0.0, 0.0, gravity))
+    across = {'beam.link_2.z.ei', 'beam.link_2.z.damping_ratio'}
+    assert idle(robot, ['beam.*.ei', 'beam.*.damping_ratio']) == (across if is_idle else set())
+
+
 def test_numbers_without_effect_are_the_zero_columns_of_the_regressor() -> None:
     puma = dn.load_robot(ROBOTS / 'puma.urdf')
     parameters = FreeParameters(puma, ['link.*.inertial'])
