@@ -49,7 +49,7 @@ def _random_states(robot: Robot) -> Array:
         pushed = np.abs(free[:, is_bend]).max(axis=0, initial=0.0)
         still = at_rest & (pushed <= LEAST_PUSH * pushed.max(initial=0.0))
         if (still == at_rest).all():
-            return found
+            return np.asarray(found)
         at_rest = still
 
 
