@@ -244,3 +244,24 @@ def test_doubtful_numbers_end_with_status_2(
     robot = str(repository / 'config/robots/two_link_rr.urdf')
     assert main(['replay', str(path), '--robot', robot, '-o', str(tmp_path / 'out')]) == 2
     assert '9 of 40 joint states were left out' in capsys.readouterr().out
+
+
+def test_the_model_of_a_session_is_replayed(
+    simulated_bag: SimulatedBag, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run = tmp_path / 'run'
+    with BagWriter(run / 'bag') as bag:
+        bag.attach('robot_description.urdf', simulated_bag.robot.tree.source)
+        bag.add_topic('/joint_states', JOINT_STATE)
+        for k in range(40):
+            bag.write_message(
+                '/joint_states', 10**9 + k * 10**7, name=['joint_1', 'joint_2'],
+                position=[0.01 * k, 0.0], effort=[1.0, 1.0],
+            )  # fmt: skip
+    command = ['replay', str(run), '--no-output', '--json', '--report', str(tmp_path / 'a.html')]
+    found = []
+    for model, options in (({}, ['--set', 'payload.tool.mass=1']), ({'payload.tool.mass': 1}, [])):
+        (run / 'session.json').write_text(json.dumps({'gravity': [0, -9.81, 0], 'model': model}))
+        assert main([*command, *options]) in (0, 2)
+        found.append(json.loads(capsys.readouterr().out)['torque'])
+    assert found[0] == found[1]

@@ -182,6 +182,35 @@ def test_a_publisher_that_is_silent_is_no_second_one(graph: Any, node: Any) -> N
     graph.until(lambda: taken(silent, before + 5))
 
 
+def test_a_publisher_of_other_joints_is_no_second_one(graph: Any, node: Any) -> None:
+    arm = graph.publisher(JointState, 'joint_states')
+    gripper = graph.publisher(JointState, 'joint_states')
+
+    def both(count: int) -> bool:
+        arm.publish(state(time.time_ns()))
+        graph.spin(0.01)
+        gripper.publish(JointState(name=['b'], position=[1.0]))
+        graph.spin(0.01)
+        return bool(node.monitor.accepted >= count)
+
+    graph.until(lambda: both(5))
+    before, refused = node.monitor.accepted, node.monitor.rejected['second_publisher']
+    graph.until(lambda: both(before + 50))
+    assert node.monitor.rejected['second_publisher'] == refused
+    # one that has a joint of the arm is one
+    other = graph.publisher(JointState, 'joint_states')
+
+    def doubled() -> bool:
+        message = state(time.time_ns())
+        message.name, message.position = ['a', 'c'], [1.0, 1.0]
+        other.publish(message)
+        graph.spin(0.01)
+        both(0)
+        return bool(node.monitor.rejected['second_publisher'] > refused + 10)
+
+    graph.until(doubled)
+
+
 @pytest.fixture
 def crashing() -> Iterator[subprocess.Popen[bytes]]:
     process = subprocess.Popen([sys.executable, '-c', TALK])

@@ -14,6 +14,7 @@ import denoc_ros as dn
 from denoc_ros.bags.joint_state import JOINT_STATE, JointStateMessage
 from denoc_ros.bags.writer import BagWriter
 from denoc_ros.identification.model.free_parameters import FreeParameters
+from denoc_ros.identification.model.search import ModelSearch
 from denoc_ros.identification.model.sources import RecordingSettings, SensorFilter, read_source
 
 ROBOTS = Path(__file__).resolve().parents[3] / 'config' / 'robots'
@@ -282,3 +283,16 @@ def test_an_effort_that_is_a_current_is_a_reason() -> None:
         pendulum, replace(run, effort=run.effort / 12.0), ['joint.joint_1.damping']
     )
     assert any('effort must be the torque of the joint' in reason for reason in found.reasons)
+
+
+def test_equations_without_a_solution_are_an_error_of_the_recordings(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def fails(*_: object, **__: object) -> None:
+        raise np.linalg.LinAlgError('Eigenvalues did not converge')
+
+    pendulum = dn.load_robot(ROBOTS / 'rigid_pendulum.urdf')
+    run = recorded(pendulum, sweeping(1, 3), 1.0)
+    monkeypatch.setattr(ModelSearch, 'fit', fails)
+    with pytest.raises(dn.IdentificationError, match=r'truth: recordings must .* not converge'):
+        dn.identify_model(pendulum, run, ['joint.joint_1.damping'])
