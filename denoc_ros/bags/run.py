@@ -54,6 +54,8 @@ class Phase:
     end_ns: int = LATEST_NS
     # numbers of the plant by dotted path, as far as the session noted them; None: it did not
     plant: Mapping[str, Any] | None = None
+    # the same of the model that the session's nodes worked with
+    model: Mapping[str, Any] | None = None
 
 
 @dataclass(frozen=True)
@@ -200,12 +202,7 @@ def phases_of(
         Times [ns] and the name of the phase that begins then, '' for an end.
     """
     if noted:
-        return tuple(
-            Phase(f'{each["name"]} {UNFINISHED}', each['begin_ns'], plant=each.get('plant'))
-            if each.get('end_ns') is None
-            else Phase(each['name'], each['begin_ns'], each['end_ns'], each.get('plant'))
-            for each in noted
-        )
+        return tuple(map(_noted_phase, noted))
     ends = [*marks[1:], (LATEST_NS, '')]
     found = tuple(
         Phase(name, begin_ns, end_ns)
@@ -213,6 +210,13 @@ def phases_of(
         if name not in ('', following)  # a name that comes twice is a phase that began anew
     )
     return found or (Phase(''),)
+
+
+def _noted_phase(noted: Mapping[str, Any]) -> Phase:
+    numbers = noted.get('plant'), noted.get('model')
+    if noted.get('end_ns') is None:
+        return Phase(f'{noted["name"]} {UNFINISHED}', noted['begin_ns'], LATEST_NS, *numbers)
+    return Phase(noted['name'], noted['begin_ns'], noted['end_ns'], *numbers)
 
 
 def read_marks(path: Path) -> list[tuple[int, str]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -121,6 +122,8 @@ def run(args: argparse.Namespace) -> VerbResult:
     with _as_bag(args, bag, robot) as recorded, share_bar(quiet=args.json) as bar:
         run = recorded if recorded != bag else args.bag
         phases = motions_of(recorded, recorded_phases(run, args.phase))
+        if args.robot is not None:  # the model of all phases
+            phases = tuple(dataclasses.replace(phase, model=None) for phase in phases)
         written = None if args.no_output else output
         replay = replay_bag(recorded, robot, written, settings, bar.update, adapt, phases)
     summary = {

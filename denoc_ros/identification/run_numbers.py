@@ -37,6 +37,7 @@ from denoc_ros.output_files import Document, plain
 from denoc_ros.simulation.recorded.plausibility import gaps_between, jumps_between
 from denoc_ros.simulation.recorded.run_files import (
     EARTH,
+    SIMULATED,
     find_bag,
     read_session,
     recorded_description,
@@ -157,6 +158,8 @@ def identify(
     if not isinstance(robot, Robot):
         source = recorded_description(bag) if robot is None else robot
         robot = load_robot(source, gravity=session.get('gravity', EARTH))
+        if session.get('kind') != SIMULATED:  # a simulation notes what is true
+            robot = robot.with_overrides(session.get('model', {}))
     whole = read_source(bag, robot, settings)
     groups: dict[str, list[Phase]] = {}
     has_none = is_table(bag) and not phases

@@ -217,7 +217,11 @@ class _Work:
         phases: Sequence[Phase],
     ) -> None:
         floats = len(robot.base_indices) > 0
-        self._plants = [plant_differences(robot, phase.plant or {}) for phase in phases]
+        modelled = [robot.with_overrides(each.model) if each.model else robot for each in phases]
+        self._plants = [
+            plant_differences(model, phase.plant or {})
+            for model, phase in zip(modelled, phases, strict=True)
+        ]
         robot = measured_robot(held_robot(robot))
         self.plan = plan_replay(bag, robot, settings, floats, phases)
         self._base: BaseRecord | None = None
@@ -233,6 +237,15 @@ class _Work:
         friction = None if self._fit is None else self._fit.friction
         posture, base = self.plan.posture, self._base
         self._model = TorqueReplay(robot, self.plan.joints, posture, friction, base=base)
+        # by phase: a session may have had another model in some
+        self._models = [
+            TorqueReplay(
+                measured_robot(held_robot(model)), self.plan.joints, posture, friction, base=base
+            )
+            if phase.model
+            else self._model
+            for model, phase in zip(modelled, phases, strict=True)
+        ]
         self._names = self._model.deflections.names
         self._compared: list[Comparer] = []  # by phase
 
@@ -279,7 +292,7 @@ class _Work:
             # the first block shows the period
             self._compared = self._compared or [self._comparer() for _ in self.plan.source.phases]
             self._require_base(block.t)
-            torques = _torques(self._model, block.t, block)
+            torques = _torques(self._models[block.phase], block.t, block)
             self._compare(block, torques)
             yield from _encoded(block, torques, encoders)
             self._advance(block)
