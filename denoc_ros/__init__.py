@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from denoc_ros.planning.shape_motion import shape_motion as shape_motion
     from denoc_ros.reduction.suggest.suggestion import suggest_flexibility as suggest_flexibility
     from denoc_ros.reports.run_page import report as report
+    from denoc_ros.simulation.recorded.replay_bag import replay as replay
     from denoc_ros.simulation.recorded.replay_bag import replay_bag as replay_bag
     from denoc_ros.simulation.simulate import simulate as simulate
 
@@ -42,6 +43,7 @@ _CORE = {
     'Robot': 'dynamics.robot',
     'load_robot': 'dynamics.robot',
     'Stepper': 'dynamics.stepper',
+    'replay': 'simulation.recorded.replay_bag',
     'replay_bag': 'simulation.recorded.replay_bag',
     'simulate': 'simulation.simulate',
     'BagError': 'errors',

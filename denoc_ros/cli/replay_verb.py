@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import argparse
-import dataclasses
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from denoc_ros.bags.run import motions_of
 from denoc_ros.cli.arguments import (
     TIMES,
     add_gravity,
@@ -34,14 +32,13 @@ from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.errors import BagError
 from denoc_ros.output_files import require_new, write_text
 from denoc_ros.parts import optional
-from denoc_ros.simulation.recorded.replay_bag import replay_bag
+from denoc_ros.simulation.recorded.replay_bag import replay_bag, replayed_phases
 from denoc_ros.simulation.recorded.replay_settings import ReplaySettings
 from denoc_ros.simulation.recorded.replay_summary import error_rows, lines, summarize
 from denoc_ros.simulation.recorded.run_files import (
     EARTH,
     find_bag,
     read_session,
-    recorded_phases,
     recording_name,
 )
 
@@ -121,9 +118,7 @@ def run(args: argparse.Namespace) -> VerbResult:
     robot = _robot(args, bag, read_session(args.bag))
     with _as_bag(args, bag, robot) as recorded, share_bar(quiet=args.json) as bar:
         run = recorded if recorded != bag else args.bag
-        phases = motions_of(recorded, recorded_phases(run, args.phase))
-        if args.robot is not None:  # the model of all phases
-            phases = tuple(dataclasses.replace(phase, model=None) for phase in phases)
+        phases = replayed_phases(run, recorded, args.phase, args.robot is None)
         written = None if args.no_output else output
         replay = replay_bag(recorded, robot, written, settings, bar.update, adapt, phases)
     summary = {

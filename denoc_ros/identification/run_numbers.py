@@ -261,7 +261,8 @@ def _stretches(whole: Recording, phase: Phase, left_out: list[str]) -> Iterator[
                 f'{end - begin:.3g} s'
             )
         else:
-            yield replace(part.between(begin, end), name=own)
+            # a stretch is between the jumps that the whole recording is doubted for
+            yield replace(part.between(begin, end), name=own, doubts=())
 
 
 def _decays(robot: Robot, stretch: Recording) -> Iterator[FreeDecay]:

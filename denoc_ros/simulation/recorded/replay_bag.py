@@ -16,7 +16,7 @@ from denoc_ros.bags.series import ODOMETRY_NUMBERS, elapsed, read_numbers
 from denoc_ros.bags.writer import BagWriter
 from denoc_ros.dynamics.base.reacting_base import held_robot
 from denoc_ros.dynamics.driven.measured_side import measured_robot
-from denoc_ros.dynamics.robot import Robot
+from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.errors import BagError, SolverError, StateError
 from denoc_ros.estimation.base_track import BaseRecord
 from denoc_ros.estimation.torque_along import TorqueReplay, Torques
@@ -33,7 +33,14 @@ from denoc_ros.simulation.recorded.replay_settings import (
     plan_replay,
 )
 from denoc_ros.simulation.recorded.residual_friction import FrictionFit, FrictionFitter
-from denoc_ros.simulation.recorded.run_files import plant_differences, recorded_phases
+from denoc_ros.simulation.recorded.run_files import (
+    EARTH,
+    find_bag,
+    plant_differences,
+    read_session,
+    recorded_description,
+    recorded_phases,
+)
 from denoc_ros.types import Array
 
 Progress = Callable[[float], object]
@@ -84,6 +91,55 @@ class Replay(Compared):
     set_back: int
     phases: tuple[Compared, ...]
     adapted: Adapted | None = None
+
+
+def replay(
+    run: str | Path,
+    robot: Robot | str | Path | None = None,
+    output: str | Path | None = None,
+    settings: ReplaySettings | None = None,
+    *,
+    phases: Sequence[str] = (),
+) -> Replay:
+    """Recompute torque and deflection along a run, phase by phase.
+
+    Parameters
+    ----------
+    run : str or Path
+        A directory made by `denoc up`, or a bag.
+    robot : Robot or path, optional
+        The model; default: the one in the bag, with what the session has changed of it.
+    output, settings
+        As of `replay_bag`.
+    phases : sequence of str
+        Phases that count; default: all.
+
+    Raises
+    ------
+    BagError, ModelError, ConfigError, StateError, SolverError
+        As of `replay_bag`; also a run without robot, or without such a phase.
+    """
+    path = Path(run)
+    bag, session = find_bag(path), read_session(path)
+    gravity = session.get('gravity', EARTH)
+    chosen = replayed_phases(path, bag, phases, robot is None)
+    if robot is None:
+        recorded = load_robot(recorded_description(bag), gravity=gravity)
+        robot = recorded.with_overrides(session.get('model', {}))
+    elif not isinstance(robot, Robot):
+        robot = load_robot(robot, gravity=gravity)
+    return replay_bag(bag, robot, output, settings, phases=chosen)
+
+
+def replayed_phases(
+    run: Path, bag: Path, names: Sequence[str], is_recorded_robot: bool
+) -> tuple[Phase, ...]:
+    """Return the phases of a run from their references on; with their models or without.
+
+    A robot that is given is the model of all phases.
+    """
+    found = motions_of(bag, recorded_phases(run, names))
+    return found if is_recorded_robot else tuple(replace(each, model=None) for each in found)
 
 
 def replay_bag(

@@ -156,6 +156,39 @@ def test_a_table_of_joints_and_gauges_is_a_run(runs: tuple[Path, Path], tmp_path
     assert main([*words, '--free', 'beam.*.ei', 'payload.tool']) == 0
 
 
+def test_a_bag_with_topics_and_joints_of_other_names_is_a_run(
+    runs: tuple[Path, Path], tmp_path: Path
+) -> None:
+    joints, strain = (read_joint_states(runs[0], each) for each in TOPICS)
+    bag_path = tmp_path / 'foreign.mcap'
+    with BagWriter(bag_path) as bag:
+        for topic in ('/arm/states', '/strain'):
+            bag.add_topic(topic, JOINT_STATE)
+        names = [f'left_{name}' for name in joints.names]
+        said = JointStateMessage(names, ('position', 'velocity', 'effort'))
+        gauges = JointStateMessage(strain.names, ('position',))
+        for row, stamp_ns in enumerate(joints.stamp_ns.tolist()):
+            said.position[:], said.velocity[:] = joints.position[row], joints.velocity[row]
+            said.effort[:] = joints.effort[row]
+            gauges.position[:] = strain.position[row]
+            bag.write('/arm/states', stamp_ns, said.bytes(stamp_ns))
+            bag.write('/strain', stamp_ns, gauges.bytes(stamp_ns))
+    words = ['identify', 'run', str(bag_path), '--robot', str(ROBOT), '--gravity', '0', '0', '0']
+    assert main([*words, '--topic', '/arm/states', '--rename', 'left_=']) == 0
+
+
+def test_a_replay_with_the_numbers_that_were_found_explains_the_run(
+    runs: tuple[Path, Path],
+) -> None:
+    found = dn.identify(runs[0], ROBOT)
+    start = dn.load_robot(ROBOT, gravity=(0, 0, 0))
+    left, before = (dn.replay(runs[0], each) for each in (start.apply(found), start))
+    true = '/plant/true_deflection'
+    peak = left.deflection[true].measured_peak
+    assert (left.deflection[true].rms < 1e-3 * peak).all()
+    assert (before.deflection[true].rms > 0.05 * peak).all()
+
+
 def test_a_run_without_robot_says_what_is_missing(runs: tuple[Path, Path], tmp_path: Path) -> None:
     bare = tmp_path / 'bare.mcap'
     with BagWriter(bare) as bag:
