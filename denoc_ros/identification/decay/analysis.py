@@ -134,20 +134,26 @@ def _no_free_decay(record: Record) -> tuple[Record, Modes] | None:
 
 
 def _falls(record: Record) -> bool:
-    """Say whether the power falls as that of a mode that falls enough in its window."""
+    """Say whether a record or its speed falls as a mode does that falls enough in its window.
+
+    A drift hides the decay in the record, and noise hides it in the speed.
+    """
     x = (record.t - record.t.mean()) / record.duration
     rest = record.y - record.y.mean()
     rest = rest - x * float(x @ rest / (x @ x))
     quarter = record.t.size // 4
     least = np.exp(-2.0 * FEWEST_FOLDS * 0.75)  # from the middle of one quarter to the other
-    return bool(np.mean(rest[-quarter:] ** 2) < least * np.mean(rest[:quarter] ** 2))
+    return any(
+        np.mean(one[-quarter:] ** 2) < least * np.mean(one[:quarter] ** 2)
+        for one in (rest, np.diff(rest))
+    )
 
 
 def _first_part(record: Record) -> Record:
-    """Return the first samples of a record, means of several where its motion is slow."""
-    power = np.cumsum(np.abs(np.fft.rfft(record.y - record.y.mean())) ** 2)
+    """Return the first samples of a record, means of several where all its motion is slow."""
+    power = np.cumsum(np.abs(np.fft.rfft(np.diff(record.y))) ** 2)
     lines = int(np.searchsorted(power, MOST_POWER * power[-1])) + 1  # cycles in the record
-    size = max(int(record.t.size / (PER_CYCLE * lines)), 1)
+    size = max(int(record.t.size / (PER_CYCLE * max(lines, FIRST_LOOK / PER_CYCLE))), 1)
     count = min(record.t.size // size, FIRST_LOOK)
     t, y = (each[: count * size].reshape(-1, size).mean(axis=1) for each in (record.t, record.y))
     return Record(t, y, record.name, record.unit)
