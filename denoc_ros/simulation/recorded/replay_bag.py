@@ -402,7 +402,8 @@ class _Work:
             torques = _torques(model, block.t, block)
             effort = self._effort(block)
             samples += int(np.count_nonzero(np.isfinite(effort)))
-            fitter.add(block.t, block.motion.qd, effort - model.without_friction(torques))
+            rest = effort - model.without_friction(torques)
+            fitter.add(block.t, block.motion.qd, rest, block.starts)
             self._advance(block)
         if not samples:
             raise BagError(

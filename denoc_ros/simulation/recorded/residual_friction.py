@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from denoc_ros.model.joint_friction import Friction, slip
-from denoc_ros.types import Array
+from denoc_ros.types import Array, Flags
 
 TERMS = ('viscous', 'coulomb', 'offset')
 WINDOW = 1.0  # s that residuals are taken to hang together for
@@ -44,11 +44,12 @@ class FrictionFitter:
 
     def __init__(self, joints: int) -> None:
         self._joints = joints
-        self._windows: dict[int, tuple[Array, Array]] = {}
+        self._windows: dict[tuple[int, int], tuple[Array, Array]] = {}
+        self._motions = 0
         self._square = np.zeros(joints)
         self._samples = np.zeros(joints, dtype=np.int64)
 
-    def add(self, t: Array, qd: Array, rest: Array) -> None:
+    def add(self, t: Array, qd: Array, rest: Array, starts: Flags) -> None:
         """Take rows in.
 
         Parameters
@@ -58,6 +59,8 @@ class FrictionFitter:
         qd, rest : (k, joints) array
             Rates, and measured effort minus the model's torque without friction [N m, N]; rows
             with a NaN do not count.
+        starts : (k,) bool array
+            Where a motion begins that does not go on from the row before.
         """
         known = np.isfinite(rest)
         rest = np.where(known, rest, 0.0)
@@ -65,13 +68,15 @@ class FrictionFitter:
         terms = np.where(known[..., None], terms, 0.0)
         self._square += np.sum(rest**2, axis=0)
         self._samples += np.count_nonzero(known, axis=0)
-        numbers = np.floor(t / WINDOW).astype(np.int64)
-        for number in np.unique(numbers):
-            rows = numbers == number
+        motions = self._motions + np.cumsum(starts)
+        self._motions = int(motions[-1])
+        numbers = np.column_stack([motions, np.floor(t / WINDOW).astype(np.int64)])
+        for motion, second in np.unique(numbers, axis=0).tolist():
+            number, rows = (motion, second), (numbers == (motion, second)).all(axis=1)
             matrix = np.einsum('kji,kjl->jil', terms[rows], terms[rows])
             vector = np.einsum('kji,kj->ji', terms[rows], rest[rows])
-            before = self._windows.get(int(number), (0.0, 0.0))
-            self._windows[int(number)] = before[0] + matrix, before[1] + vector
+            before = self._windows.get(number, (0.0, 0.0))
+            self._windows[number] = before[0] + matrix, before[1] + vector
 
     def fit(self) -> FrictionFit:
         """Return the friction that leaves the least mean square."""

@@ -92,7 +92,8 @@ def fitted_friction(seed: int) -> tuple[FrictionFitter, Array]:
     rest = truth[:, 0] * qd + truth[:, 1] * np.tanh(qd / 1e-3) + truth[:, 2] + noise
     fitter = FrictionFitter(3)
     for rows in np.array_split(np.arange(len(t)), 4):
-        fitter.add(t[rows], qd[rows], rest[rows])
+        starts = np.arange(len(t))[rows] == 0
+        fitter.add(t[rows], qd[rows], rest[rows], starts)
     return fitter, truth
 
 

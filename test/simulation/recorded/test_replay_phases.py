@@ -18,6 +18,7 @@ from denoc_ros.model.numbers import values_of
 from denoc_ros.simulation.recorded.compared import Compared
 from denoc_ros.simulation.recorded.replay_bag import replay_bag
 from denoc_ros.simulation.recorded.replay_summary import summarize
+from denoc_ros.simulation.recorded.residual_friction import FrictionFitter
 from denoc_ros.simulation.recorded.run_files import plant_differences, recorded_phases
 
 SECOND = 10**9
@@ -157,6 +158,19 @@ def test_a_clock_that_is_set_back_splits_the_motion(
     written = read_joint_states(tmp_path / 'out.mcap', '/replay/flexible/effort')
     recorded = read_joint_states(path)
     np.testing.assert_array_equal(written.stamp_ns, recorded.stamp_ns)
+
+
+def test_no_window_of_a_fit_reaches_from_one_motion_into_the_next() -> None:
+    t = np.linspace(0.0, 0.9, 91)
+    qd = np.sin(3.0 * t)[:, None]
+    rest = 2.0 * qd + 0.1 * np.random.default_rng(1).standard_normal((91, 1))
+    starts = np.isin(np.arange(91), [0, 30, 60])
+    split, alone = FrictionFitter(1), FrictionFitter(1)
+    split.add(t, qd, rest, starts)
+    for k, rows in enumerate(np.split(np.arange(91), [30, 60])):
+        alone.add(t[rows] + 10.0 * k, qd[rows], rest[rows], starts[rows])
+    np.testing.assert_allclose(split.fit().by_window, alone.fit().by_window)
+    np.testing.assert_allclose(split.fit().friction.viscous, 2.0, atol=0.1)
 
 
 # ---- the plant of a phase
