@@ -48,8 +48,7 @@ class SimulatedRuns:
             run.fastest_angle(robot) <= LINEAR_ANGLE for run in runs
         )
         self.until, self.evaluations = 1.0, 0
-        # on the motion of each run's joints; None: no noise
-        self._noises: list[SmoothedMotion | None] = [None] * len(runs)
+        self._noises: list[SmoothedMotion | None] = [None] * len(runs)  # on the joints' motion
         self._last: tuple[bytes, float, Array] | None = None
         self._motions: tuple[object, Robot, list[Motion]] | None = None
         self._nearby: tuple[float, Array, list[NearbyMotion]] | None = None

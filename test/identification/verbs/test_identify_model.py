@@ -81,6 +81,19 @@ def test_what_nothing_is_seen_of_ends_with_three(
     assert said['not_identifiable'] == [never]
 
 
+def test_what_no_motion_shows_spoils_no_verdict_of_the_whole(
+    bag: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ['identify', 'model', str(bag), '--robot', str(ROBOT), '--gravity', '0', '0', '0']
+    path = 'payload.tool.com.z'
+    assert main([*words, '--free', 'beam.*.ei', path, '--json']) == 0
+    said = json.loads(capsys.readouterr().out)
+    verdicts = {one['path']: one['verdict'] for one in said['parameters']}
+    assert verdicts == {**dict.fromkeys(TRUTH, 'found'), path: 'not identifiable'}
+    assert said['without_effect'] == [path]
+    assert said['verdict'] == 'good'
+
+
 @pytest.mark.parametrize(
     ('words', 'says'),
     [
