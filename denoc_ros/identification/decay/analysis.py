@@ -40,6 +40,7 @@ TIME_CONSTANTS = 2.0  # after which what a motion's end left is gone
 LATEST = 0.5  # of a window: it is not begun anew later than that
 LONG = 100_000  # samples: of a longer record a part is looked at first
 FIRST_LOOK = 10_000  # samples of that part
+MISSED = 0.5  # of the power of that part: a fit that misses more explains nothing
 PER_CYCLE = 5.0  # samples of that part in a cycle of the fastest motion that is strong
 MOST_POWER = 0.995  # of a record: the motions that hold it are strong
 
@@ -112,24 +113,24 @@ def analyse_decay(
 def _no_free_decay(record: Record) -> tuple[Record, Modes] | None:
     """Return the first part of a long record that is no free decay, and its modes; else None.
 
-    A fit of many components to all samples takes minutes. A record whose power does not fall, and
-    whose first part damped cosines do not explain, is no free decay, whatever follows.
+    A fit of many components to all samples takes minutes. A record whose first part damped cosines
+    do not explain is no free decay where its power does not fall, or where they miss most of it.
     """
     if record.t.size <= LONG:
         return None
     free = record.part(release_time(record), float(record.t[-1]))
-    if _falls(free):
-        return None
-    first = _first_part(free)
+    first, falls = _first_part(free), _falls(free)
     modes = fit_modes(first)
     if not {NOT_WHITE, TOO_MANY} & {*modes.remarks}:
         return None
+    if falls and modes.noise**2 < MISSED * float(np.var(first.y)):
+        return None
+    why = 'damped cosines miss most of its beginning' if falls else 'its power does not fall'
     share = 100.0 * first.duration / record.duration
-    reason = f'the power of the record does not fall: only the first {share:.2g} % are fitted'
     return first, replace(
         modes,
         verdict=(NOT_IDENTIFIABLE,) * len(modes.verdict),
-        remarks=(*modes.remarks, f'no free decay: {reason}'),
+        remarks=(*modes.remarks, f'no free decay: {why}; the first {share:.2g} % are fitted'),
     )
 
 
