@@ -33,7 +33,7 @@ _MESSAGES = 'SELECT topic_id, timestamp, data FROM messages WHERE topic_id IN ({
 Found = tuple[Connection, int, Any]  # log time [ns] and bytes of a message
 
 
-class Source(Protocol):
+class BagSource(Protocol):
     """One file of a bag."""
 
     connections: list[Connection]
@@ -112,7 +112,7 @@ class BagFiles:
         Those that cannot: their `fault` says why.
     """
 
-    def __init__(self, sources: Sequence[Source], has_packed_messages: bool) -> None:
+    def __init__(self, sources: Sequence[BagSource], has_packed_messages: bool) -> None:
         self.sources = sources
         self._unpacked: Callable[[bytes], bytes] = (
             decompressed_message if has_packed_messages else bytes
@@ -145,7 +145,7 @@ class BagFiles:
         return self._unpacked(raw) if isinstance(raw, bytes) else raw
 
 
-def chosen_connections(source: Source, topics: Collection[str]) -> dict[int, Connection]:
+def chosen_connections(source: BagSource, topics: Collection[str]) -> dict[int, Connection]:
     """Return the connections of topics that can be read, by their numbers."""
     found = filter(lambda each: each.topic in topics and not each.fault, source.connections)
     return {each.number: each for each in sorted(found, key=attrgetter('number'))}
@@ -164,10 +164,10 @@ def opened_files(parts: Sequence[Path], has_packed_messages: bool = False) -> It
             folder = Path(stack.enter_context(TemporaryDirectory(prefix='denoc_bag_')))
             budget = ByteBudget(sum(part.stat().st_size for part in parts))
             unpacked |= {p: _unpacked(p, folder, budget) for p in parts if p not in unpacked}
-        sources: list[Source] = []
+        sources: list[BagSource] = []
         for part in (unpacked[part] for part in parts):
             is_database = _starts_with(part, _SQLITE_MAGIC)
-            source: Source = DatabaseSource(part) if is_database else McapSource(part)
+            source: BagSource = DatabaseSource(part) if is_database else McapSource(part)
             stack.callback(source.close)
             sources.append(source)
         yield BagFiles(sources, has_packed_messages)

@@ -43,7 +43,7 @@ SLACK = 1.0  # s that a message may be recorded before or after its stamp
 
 
 @dataclass(frozen=True)
-class Phase:
+class RecordedPhase:
     """A phase by the clock of the recording [ns]: begin_ns <= stamp < end_ns.
 
     A recording that names no phases is one phase without a name.
@@ -168,7 +168,7 @@ class RecordedTopics:
     def _seconds(self, stamp_ns: int) -> float:
         return (stamp_ns - self.origin_ns) * 1e-9
 
-    def _interval(self, phase: Phase) -> Interval:
+    def _interval(self, phase: RecordedPhase) -> Interval:
         """Return a phase in seconds since the origin; an open end is infinite."""
         begin = self._seconds(phase.begin_ns) if phase.begin_ns else -np.inf
         end = self._seconds(phase.end_ns) if phase.end_ns < LATEST_NS else np.inf
@@ -191,7 +191,7 @@ class RecordedTopics:
 
 def phases_of(
     noted: Sequence[Mapping[str, Any]], marks: Sequence[tuple[int, str]]
-) -> tuple[Phase, ...]:
+) -> tuple[RecordedPhase, ...]:
     """Return the phases in order: as noted, else as marked, else one for the whole recording.
 
     Parameters
@@ -205,18 +205,20 @@ def phases_of(
         return tuple(map(_noted_phase, noted))
     ends = [*marks[1:], (LATEST_NS, '')]
     found = tuple(
-        Phase(name, begin_ns, end_ns)
+        RecordedPhase(name, begin_ns, end_ns)
         for (begin_ns, name), (end_ns, following) in zip(marks, ends, strict=False)
         if name not in ('', following)  # a name that comes twice is a phase that began anew
     )
-    return found or (Phase(''),)
+    return found or (RecordedPhase(''),)
 
 
-def _noted_phase(noted: Mapping[str, Any]) -> Phase:
+def _noted_phase(noted: Mapping[str, Any]) -> RecordedPhase:
     numbers = noted.get('plant'), noted.get('model')
     if noted.get('end_ns') is None:
-        return Phase(f'{noted["name"]} {UNFINISHED}', noted['begin_ns'], LATEST_NS, *numbers)
-    return Phase(noted['name'], noted['begin_ns'], noted['end_ns'], *numbers)
+        return RecordedPhase(
+            f'{noted["name"]} {UNFINISHED}', noted['begin_ns'], LATEST_NS, *numbers
+        )
+    return RecordedPhase(noted['name'], noted['begin_ns'], noted['end_ns'], *numbers)
 
 
 def read_marks(path: Path) -> list[tuple[int, str]]:
@@ -245,7 +247,7 @@ def parameter_changes(path: Path, node: str) -> list[tuple[int, dict[str, Any]]]
     return found
 
 
-def motions_of(path: Path, phases: Sequence[Phase]) -> tuple[Phase, ...]:
+def motions_of(path: Path, phases: Sequence[RecordedPhase]) -> tuple[RecordedPhase, ...]:
     """Return phases from the start of their reference on: before it the robot goes to its start.
 
     A phase without a name or a reference stays. The bag is read for it, one message at a time: a

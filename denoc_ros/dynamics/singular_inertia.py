@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -11,14 +11,21 @@ from denoc_ros.kernels.dynamics import composite
 from denoc_ros.kernels.jit.compiled import entry
 from denoc_ros.types import Array
 
-if TYPE_CHECKING:
-    from denoc_ros.dynamics.robot_model import RobotModel
-
 # Of a coordinate's inertia, and of the largest one: what rounding leaves of none.
 NO_INERTIA, NO_INERTIA_AT_ALL = 1e-13, 1e-16
 
 
-def coordinates_without_inertia(robot: RobotModel, q: Array | None = None) -> dict[str, str]:
+class WithInertia(Protocol):
+    """A robot, as far as its inertia matrix needs it."""
+
+    n: int
+    handle: Any
+    coordinate_names: Any
+    joint_names: Any
+    joint_indices: Any
+
+
+def coordinates_without_inertia(robot: WithInertia, q: Array | None = None) -> dict[str, str]:
     """Return the names of coordinates that move no inertia, and what each of them needs.
 
     They are those of which nothing remains of the inertia matrix when the coordinates behind them,
@@ -52,13 +59,13 @@ def _without_pivot(inertia: Array) -> list[int]:
     return found[::-1]
 
 
-def _generic_posture(robot: RobotModel) -> Array:
+def _generic_posture(robot: WithInertia) -> Array:
     q, count = np.zeros(robot.n), len(robot.joint_indices)
     q[robot.joint_indices] = 0.3 + 0.7 * np.modf(np.arange(count) * math.sqrt(2.0))[0]
     return q
 
 
-def _remedy(robot: RobotModel, coordinate: str) -> str:
+def _remedy(robot: WithInertia, coordinate: str) -> str:
     remedy = 'give what it moves an inertia'
     if coordinate in robot.joint_names:
         remedy += f', make it fixed, or add <actuator joint="{coordinate}" armature="…"/>'

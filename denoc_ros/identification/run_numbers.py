@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from denoc_ros.bags.digest import file_hash
-from denoc_ros.bags.run import LATEST_NS, Phase, motions_of, phases_of, read_marks
+from denoc_ros.bags.run import LATEST_NS, RecordedPhase, motions_of, phases_of, read_marks
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.errors import DenocError, IdentificationError
 from denoc_ros.identification.decay.analysis import analyse_decay
@@ -161,9 +161,9 @@ def identify(
         if session.get('kind') != SIMULATED:  # a simulation notes what is true
             robot = robot.with_overrides(session.get('model', {}))
     whole = read_source(bag, robot, settings)
-    groups: dict[str, list[Phase]] = {}
+    groups: dict[str, list[RecordedPhase]] = {}
     has_none = is_table(bag) and not phases
-    known = (Phase(''),) if has_none else motions_of(bag, recorded_phases(path, phases))
+    known = (RecordedPhase(''),) if has_none else motions_of(bag, recorded_phases(path, phases))
     for phase in known:
         plant = json.dumps(dict(phase.plant or {}), sort_keys=True)
         groups.setdefault(plant, []).append(phase)
@@ -224,7 +224,7 @@ def default_free(robot: Robot, recording: Recording, tip: str = '') -> list[str]
 def _of_one_plant(
     robot: Robot,
     whole: Recording,
-    phases: Sequence[Phase],
+    phases: Sequence[RecordedPhase],
     free: Sequence[str],
     tip: str,
     plant: Mapping[str, Any],
@@ -240,7 +240,7 @@ def _of_one_plant(
     return PlantNumbers(names, plant, model, decays, combined_modes(decays), tuple(left_out))
 
 
-def _stretches(whole: Recording, phase: Phase, left_out: list[str]) -> Iterator[Recording]:
+def _stretches(whole: Recording, phase: RecordedPhase, left_out: list[str]) -> Iterator[Recording]:
     """Yield the stretches of a phase between resets and gaps: a fit must not cross them."""
     name = phase.name or whole.name
     begin, end = (1e-9 * (ns - whole.origin_ns) for ns in (phase.begin_ns, phase.end_ns))

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from denoc_ros.bags.reader import Stamp
-from denoc_ros.bags.run import Phase
+from denoc_ros.bags.run import RecordedPhase
 from denoc_ros.bags.series import JointSeries, Series, elapsed, joint_state_blocks
 from denoc_ros.errors import BagError
 from denoc_ros.estimation.joint_motion import SmoothedMotion, settling, smooth
@@ -40,7 +40,9 @@ class Source:
     joints: tuple[str, ...]  # the names there, in the order of all columns
     beside: Mapping[str, str]  # further topics of JointState and the field of each that is read
     stamp: Stamp = 'header'  # {'header', 'log'}; as `denoc_ros.bags.reader.read_bag`
-    phases: tuple[Phase, ...] = (Phase(''),)  # What lies outside of all phases is not read.
+    phases: tuple[RecordedPhase, ...] = (
+        RecordedPhase(''),
+    )  # What lies outside of all phases is not read.
     turning: tuple[bool, ...] = ()  # Which joints' positions are angles; () for all.
 
 
@@ -282,7 +284,7 @@ class JointStream:
         return smooth(rows.t, rows.position, rates, self.method, self.cutoff, self.period)
 
 
-def phase_numbers(phases: Sequence[Phase], stamp_ns: Stamps) -> Stamps:
+def phase_numbers(phases: Sequence[RecordedPhase], stamp_ns: Stamps) -> Stamps:
     """Return the number of the phase of each stamp (k,), -1 outside of all."""
     numbers = np.full(len(stamp_ns), -1, dtype=np.int64)
     for number, phase in enumerate(phases):

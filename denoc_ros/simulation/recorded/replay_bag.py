@@ -11,7 +11,7 @@ import numpy as np
 
 from denoc_ros.bags.joint_state import JOINT_STATE, JointStateMessage
 from denoc_ros.bags.reader import DESCRIPTION_ATTACHMENT, read_raw
-from denoc_ros.bags.run import Phase, motions_of
+from denoc_ros.bags.run import RecordedPhase, motions_of
 from denoc_ros.bags.series import ODOMETRY_NUMBERS, elapsed, read_numbers
 from denoc_ros.bags.writer import BagWriter
 from denoc_ros.dynamics.base.reacting_base import held_robot
@@ -133,7 +133,7 @@ def replay(
 
 def replayed_phases(
     run: Path, bag: Path, names: Sequence[str], is_recorded_robot: bool
-) -> tuple[Phase, ...]:
+) -> tuple[RecordedPhase, ...]:
     """Return the phases of a run from their references on; with their models or without.
 
     A robot that is given is the model of all phases.
@@ -149,7 +149,7 @@ def replay_bag(
     settings: ReplaySettings | None = None,
     progress: Progress | None = None,
     adapt: AdaptAlong | None = None,
-    phases: Sequence[Phase] | None = None,
+    phases: Sequence[RecordedPhase] | None = None,
 ) -> Replay:
     """Recompute torque and deflection along the motion that a bag has.
 
@@ -173,7 +173,7 @@ def replay_bag(
     adapt : AdaptAlong, optional
         Numbers of the robot that are tracked along the motion, as the predictor does it; torques
         and deflections are those of the robot as it is given.
-    phases : sequence of Phase, optional
+    phases : sequence of RecordedPhase, optional
         The phases of the recording; default: those that the bag marks, each from its reference
         on.
 
@@ -270,7 +270,7 @@ class _Work:
         robot: Robot,
         settings: ReplaySettings,
         progress: Progress | None,
-        phases: Sequence[Phase],
+        phases: Sequence[RecordedPhase],
     ) -> None:
         floats = len(robot.base_indices) > 0
         modelled = [robot.with_overrides(each.model) if each.model else robot for each in phases]

@@ -10,7 +10,7 @@ import numpy as np
 
 from denoc_ros.bags.joint_state import JOINT_STATE
 from denoc_ros.bags.reader import STAMP, BagContents, Stamp, bag_contents, require_stamp
-from denoc_ros.bags.run import Phase
+from denoc_ros.bags.run import RecordedPhase
 from denoc_ros.bags.series import ODOMETRY, JointSeries, find_topic, joint_state_blocks, renamed
 from denoc_ros.dynamics.elastic.deflection import TipDeflections
 from denoc_ros.dynamics.robot import Robot
@@ -106,7 +106,7 @@ def plan_replay(
     robot: Robot,
     settings: ReplaySettings,
     floats: bool = False,
-    phases: Sequence[Phase] = (),
+    phases: Sequence[RecordedPhase] = (),
 ) -> ReplayPlan:
     """Select the topics of a bag for the replay of a robot; a base that `floats` is held here.
 
@@ -163,7 +163,7 @@ def plan_replay(
             names,
             {t: f for t, f in beside.items() if t},
             settings.stamp,
-            tuple(phases) or (Phase(''),),
+            tuple(phases) or (RecordedPhase(''),),
             tuple(angular_joints(robot.tree, joints).tolist()),
         ),
         joints,

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from denoc_ros.bags.run import LATEST_NS, Phase, parameter_changes, phases_of, read_marks
+from denoc_ros.bags.run import LATEST_NS, RecordedPhase, parameter_changes, phases_of, read_marks
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import BagError
 from denoc_ros.model.numbers import FAMILIES, Value, own_path, values_of
@@ -112,7 +112,7 @@ def read_session(run_path: Path) -> dict[str, Any]:
     return document
 
 
-def recorded_phases(run_path: Path, names: Sequence[str] = ()) -> tuple[Phase, ...]:
+def recorded_phases(run_path: Path, names: Sequence[str] = ()) -> tuple[RecordedPhase, ...]:
     """Return the phases of a run's directory or of a bag in order: all, or those of some names.
 
     A phase with a reference begins with that.
@@ -135,7 +135,7 @@ def recorded_phases(run_path: Path, names: Sequence[str] = ()) -> tuple[Phase, .
     return tuple(phase for phase in known if not names or phase.name in names)
 
 
-def _with_changed_plants(bag: Path, phases: Sequence[Phase]) -> tuple[Phase, ...]:
+def _with_changed_plants(bag: Path, phases: Sequence[RecordedPhase]) -> tuple[RecordedPhase, ...]:
     """Return phases with the plant's numbers that parameter events have changed before each."""
     changes = parameter_changes(bag, 'plant')
     found = []

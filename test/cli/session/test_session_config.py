@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from denoc_ros.bags.run import Phase
+from denoc_ros.bags.run import RecordedPhase
 from denoc_ros.cli.session.node_parameters import (
     changed_parameters,
     check_parameters,
@@ -200,7 +200,7 @@ def test_numbers_of_a_phase_s_plant_are_those_of_the_session_and_the_phase(folde
     file.begin_phase('wrong', 10, plant=wrong)
     file.end_phase(20)
     (found,) = recorded_phases(folder)
-    assert found == Phase('wrong', 10, 20, wrong)
+    assert found == RecordedPhase('wrong', 10, 20, wrong)
 
 
 def test_a_plant_in_mujoco_has_a_scene_beside_the_configuration(folder: Path) -> None:

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from denoc_ros.bags.run import Phase
+from denoc_ros.bags.run import RecordedPhase
 from denoc_ros.bags.writer import BagWriter
 from denoc_ros.errors import BagError
 from denoc_ros.simulation.recorded.run_files import recorded_phases
@@ -32,23 +32,25 @@ def test_marks_in_the_bag_name_phases_and_a_phase_that_began_anew_counts_once(
     tmp_path: Path,
 ) -> None:
     found = recorded_phases(run_folder(tmp_path, MARKS, None))
-    assert found == (Phase('stiff', 10, 20), Phase('soft', 35, 50))
+    assert found == (RecordedPhase('stiff', 10, 20), RecordedPhase('soft', 35, 50))
 
 
 def test_what_the_session_noted_goes_before_the_marks(
     tmp_path: Path,
 ) -> None:
     noted: list[dict[str, Any]] = [{'name': 'stiff', 'begin_ns': 12, 'end_ns': 18}]
-    assert recorded_phases(run_folder(tmp_path, MARKS, noted)) == (Phase('stiff', 12, 18),)
+    assert recorded_phases(run_folder(tmp_path, MARKS, noted)) == (RecordedPhase('stiff', 12, 18),)
 
 
 def test_a_phase_that_did_not_end_says_so_and_lasts_to_the_end_of_the_bag(tmp_path: Path) -> None:
     noted: list[dict[str, Any]] = [{'name': 'stiff', 'begin_ns': 12, 'end_ns': None}]
-    assert recorded_phases(run_folder(tmp_path, [], noted)) == (Phase('stiff (unfinished)', 12),)
+    assert recorded_phases(run_folder(tmp_path, [], noted)) == (
+        RecordedPhase('stiff (unfinished)', 12),
+    )
 
 
 def test_a_recording_without_phases_is_one_without_a_name(tmp_path: Path) -> None:
-    assert recorded_phases(run_folder(tmp_path, [], None)) == (Phase(''),)
+    assert recorded_phases(run_folder(tmp_path, [], None)) == (RecordedPhase(''),)
 
 
 def test_phases_are_chosen_by_name_in_the_order_of_the_run(tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ import pytest
 from simulated_bags import PERIOD, SimulatedBag
 
 from denoc_ros.bags.joint_state import JOINT_STATE
-from denoc_ros.bags.run import Phase
+from denoc_ros.bags.run import RecordedPhase
 from denoc_ros.bags.series import JointSeries, read_joint_states
 from denoc_ros.bags.writer import BagWriter
 from denoc_ros.cli.main import main
@@ -198,7 +198,7 @@ def test_plant_s_numbers_come_from_the_session_or_from_parameter_events(
     ]
     (tmp_path / 'session.json').write_text(json.dumps({'phases': noted}))
     assert recorded_phases(tmp_path) == (
-        Phase('first', SECOND, 2 * SECOND, {'joint.a.damping': 1}),
+        RecordedPhase('first', SECOND, 2 * SECOND, {'joint.a.damping': 1}),
     )
 
 
