@@ -43,6 +43,7 @@ GROWING = (0.08, 0.2, 0.45)  # parts of the runs that a flexible robot is first 
 SETTLING = 5  # fits by simulated derivatives, weights and filters taken anew where they end
 FEWEST_ROWS = 25  # of each channel in such a part
 DRAWS = 24  # of the joints' noise, for the intervals
+TOGETHER = 8  # draws whose motions are worked out in one go
 ROUNDING = 1e-5  # of a channel's largest value: nothing that varies less is a signal
 QUIETEST = 1e-4  # of what a sensor measures: no channel is taken to be more exact
 PASSES = 6  # of deviations by what filters leave
@@ -498,5 +499,8 @@ class ModelSearch:
         """Return changes of the residuals by noise of the joints, drawn anew (m, d)."""
         if self._drawn is None or self._drawn[0] != theta.tobytes():
             draws = [np.random.default_rng(k) for k in range(DRAWS)]
-            self._drawn = theta.tobytes(), self._simulated.by_noise(theta, draws)
+            # All at once would take the memory of as many motions.
+            batches = [draws[k : k + TOGETHER] for k in range(0, DRAWS, TOGETHER)]
+            found = [self._simulated.by_noise(theta, batch) for batch in batches]
+            self._drawn = theta.tobytes(), np.hstack(found)
         return self._drawn[1]

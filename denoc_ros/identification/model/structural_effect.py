@@ -43,7 +43,7 @@ def _random_states(robot: Robot) -> Array:
     is_bend = np.isin(np.setdiff1d(np.arange(robot.n), joints), bends)
     at_rest = np.ones(len(bends), dtype=bool)
     while True:
-        found = states.copy()
+        found: Array = states.copy()
         found[:, :, bends[at_rest]] = 0.0
         _, free = robot.hybrid_dynamics(found[0], found[1], found[2][:, joints])
         pushed = np.abs(free[:, is_bend]).max(axis=0, initial=0.0)
