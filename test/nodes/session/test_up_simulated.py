@@ -95,3 +95,50 @@ def test_two_simulated_sessions_give_the_same_messages(
     one, two = bags
     assert set(one) >= TOPICS
     assert [topic for topic in one if one[topic] != two.get(topic)] == []
+
+
+LEARNING = """
+robot: arm.urdf
+gravity: [0, -9.81, 0]
+time: simulated
+reference:
+  kind: points
+  times: [0, 0.8, 1.6, 2.4]
+  positions: [[0, 0], [0.3, -0.2], [0.1, 0.3], [0.4, 0.1]]
+duration: 3
+nodes:
+  plant: {update_rate: 200, feedback: {kp: 200, kd: 20}}
+  predictor: {update_rate: 200}
+  feedforward: {update_rate: 200}
+plant: {beam: {one.y.ei: 330, two.y.ei: 270}}
+phases: [{name: guessed}, {name: identified, identify: guessed}]
+"""
+
+
+@pytest.mark.parts('identification', 'reports')
+def test_a_phase_works_with_the_numbers_that_an_earlier_one_told(
+    tmp_path: Path, environment: dict[str, str]
+) -> None:
+    (tmp_path / 'arm.urdf').write_text(two_links())
+    (tmp_path / 'session.yaml').write_text(LEARNING)
+    words = ['-m', 'denoc_ros.cli.main', 'up', str(tmp_path / 'session.yaml')]
+    done = subprocess.run(
+        [sys.executable, *words, '--output', str(tmp_path / 'run')],
+        env={**os.environ, **environment},
+        capture_output=True,
+        text=True,
+        timeout=400.0,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    phases = json.loads((tmp_path / 'run' / 'session.json').read_text())['phases']
+    assert phases[1]['identified']['from'] == 'guessed'
+    for path, true in (('beam.one.y.ei', 330.0), ('beam.two.y.ei', 270.0)):
+        assert phases[1]['model'][path] == pytest.approx(true, rel=0.03)
+        assert phases[1]['plant'][path] == true
+    summary = json.loads((tmp_path / 'run' / 'summary.json').read_text())['phases']
+    before, after = (
+        max(each['percent_of_peak'] for each in summary[name]['deflection_error'].values())
+        for name in ('guessed', 'identified')
+    )
+    assert after < 0.5 * before

@@ -24,7 +24,7 @@ from denoc_ros.cli.simulate_verb import prepare
 from denoc_ros.export.dh_system import load_system
 from denoc_ros.model.mode_table import read_mode_table
 from denoc_ros.model.reading.urdf import load_tree
-from denoc_ros.parts import parameter_table
+from denoc_ros.parts import node_main, parameter_table
 from denoc_ros.simulation.scenario import KEYS as SCENARIO_KEYS
 from denoc_ros.yaml_text import load_yaml
 
@@ -176,7 +176,8 @@ def check_ros_name(word: str) -> None:
     """A topic or service `/NODE/name` is one that the node's sources have as `~/name`."""
     match = re.fullmatch(r'/(\w+)/(\w+)', word)
     if match and match[1] in NODES:
-        sources = (ROOT / 'denoc_ros' / 'nodes').glob('*.py')
+        module = node_main(match[1]).rpartition('.')[0].removeprefix('denoc_ros.')
+        sources = (ROOT / 'denoc_ros' / module.replace('.', '/')).parent.glob('*.py')
         assert any(f'~/{match[2]}' in file.read_text() for file in sources), f'no {word}'
 
 
