@@ -20,7 +20,6 @@ from book.stability_study import (
 
 from denoc_ros.cli.arguments import add_json, add_option, add_output, given_file
 from denoc_ros.cli.progress import share_bar
-from denoc_ros.cli.provenance import named_file, provenance
 from denoc_ros.cli.simulate_verb import load
 from denoc_ros.cli.verb_result import VerbResult
 from denoc_ros.cli.verbs import DOUBTFUL
@@ -34,6 +33,7 @@ from denoc_ros.pages.html_page import (
     Verdict,
     engineering,
 )
+from denoc_ros.pages.provenance import named_file, provenance
 from denoc_ros.simulation.scenario import Scenario
 from denoc_ros.types import Array
 

@@ -130,7 +130,7 @@ def _execute(
             parser = build(arguments)
         args = parser.parse_args(arguments)
         ConfigError.raise_any('command line', args.findings)
-        from denoc_ros.cli.provenance import command_line
+        from denoc_ros.pages.provenance import command_line
 
         args.command = command_line(arguments, parser.prog)
         args.is_process = is_process

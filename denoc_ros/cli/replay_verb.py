@@ -24,13 +24,13 @@ from denoc_ros.cli.arguments import (
     unused,
 )
 from denoc_ros.cli.progress import share_bar
-from denoc_ros.cli.provenance import named_file, named_text, provenance
 from denoc_ros.cli.recorded_robot import robot_source
 from denoc_ros.cli.verb_result import VerbResult
 from denoc_ros.cli.verbs import DOUBTFUL
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.errors import BagError
 from denoc_ros.output_files import require_new, write_text
+from denoc_ros.pages.provenance import named_file, named_text, provenance
 from denoc_ros.parts import optional
 from denoc_ros.simulation.recorded.replay_bag import replay_bag, replayed_phases
 from denoc_ros.simulation.recorded.replay_settings import ReplaySettings

@@ -29,7 +29,6 @@ from denoc_ros.cli.many_runs import (
     run_batch,
     worker_config,
 )
-from denoc_ros.cli.provenance import named_file, versions
 from denoc_ros.cli.session.session_config import read_reference, read_yaml
 from denoc_ros.cli.verb_result import VerbResult
 from denoc_ros.cli.verbs import BAD_INPUT
@@ -39,6 +38,7 @@ from denoc_ros.errors import ConfigError
 from denoc_ros.estimation.setpoints import rounded_setpoints, smoothed
 from denoc_ros.model.reading.source import complete_text
 from denoc_ros.output_files import require_new
+from denoc_ros.pages.provenance import named_file, versions
 from denoc_ros.parts import required
 from denoc_ros.simulation.recorded.run_files import SIMULATED
 from denoc_ros.simulation.scenario import Scenario, model_settings, scenario_from_config

@@ -18,7 +18,6 @@ from denoc_ros.bags.series import read_joint_states
 from denoc_ros.cli.arguments import add_json, add_number, add_option
 from denoc_ros.cli.interrupts import Interrupts
 from denoc_ros.cli.progress import Progress
-from denoc_ros.cli.provenance import versions
 from denoc_ros.cli.session.node_parameters import check_parameters, session_plant
 from denoc_ros.cli.session.phase_plans import Task, with_plans
 from denoc_ros.cli.session.processes import Processes, free_domain
@@ -37,6 +36,7 @@ from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.errors import ConfigError, DenocError
 from denoc_ros.model.plant_description import description_in_words
 from denoc_ros.model.reading.source import complete_text
+from denoc_ros.pages.provenance import versions
 from denoc_ros.parts import optional, required
 from denoc_ros.simulation.reference_motion import trajectory_from_config
 from denoc_ros.terminal_text import say

@@ -84,7 +84,7 @@ class ReportPage:
     verdict: Verdict  # what it comes down to
     cards: Sequence[Card]  # figures of merit
     sections: Sequence[PageSection | None]  # in reading order; None is left out
-    # what it was made from and with, as `denoc_ros.cli.provenance.provenance` says it
+    # what it was made from and with, as `denoc_ros.pages.provenance.provenance` says it
     provenance: Mapping[str, str] = field(default_factory=dict)
 
     def html(self) -> str:

@@ -26,7 +26,6 @@ from denoc_ros.cli.arguments import (
 )
 from denoc_ros.cli.motion_file import read_motion, write_plan
 from denoc_ros.cli.progress import share_bar
-from denoc_ros.cli.provenance import named_file, provenance
 from denoc_ros.cli.session.session_config import flatten, read_yaml
 from denoc_ros.cli.verb_result import VerbResult
 from denoc_ros.dynamics.base.reacting_base import held_robot
@@ -35,6 +34,7 @@ from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.errors import ConfigError
 from denoc_ros.output_files import require_new, write_text
 from denoc_ros.pages.html_page import engineering
+from denoc_ros.pages.provenance import named_file, provenance
 from denoc_ros.planning.rest.joint_plans import RestOptions, ShaperOptions
 from denoc_ros.planning.shape_motion import BASES, OPTIONS, shape_motion
 from denoc_ros.planning.shape_page import compare, page

@@ -21,7 +21,6 @@ from denoc_ros.cli.arguments import (
     require,
 )
 from denoc_ros.cli.progress import seconds, share_bar
-from denoc_ros.cli.provenance import named_file, provenance
 from denoc_ros.cli.verb_result import VerbResult
 from denoc_ros.cli.verbs import DOUBTFUL
 from denoc_ros.errors import ConfigError, ModelError
@@ -31,6 +30,7 @@ from denoc_ros.model.reading.mesh_files import SURFACE_FORMATS
 from denoc_ros.model.reading.mesh_reader import VOLUME_FORMATS
 from denoc_ros.model.reading.poses import pose_of
 from denoc_ros.output_files import require_new, whole_file, write_new
+from denoc_ros.pages.provenance import named_file, provenance
 from denoc_ros.reduction.link_description import LinkDescription, describe_link, with_block
 from denoc_ros.reduction.suggest.materials import ASSUMED_DAMPING
 from denoc_ros.terminal_text import say

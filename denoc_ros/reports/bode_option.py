@@ -8,11 +8,11 @@ from typing import Any
 
 from denoc_ros.cli.arguments import add_option, given_file
 from denoc_ros.cli.postures import posture, read_postures
-from denoc_ros.cli.provenance import named_file, provenance
 from denoc_ros.cli.verb_result import VerbResult
 from denoc_ros.dynamics.robot import load_robot
 from denoc_ros.errors import ConfigError
 from denoc_ros.output_files import write_text
+from denoc_ros.pages.provenance import named_file, provenance
 from denoc_ros.reports.loop_response import LoopResponse, Swing, loop_response
 
 PAGE = Path('bode.html')

@@ -17,13 +17,13 @@ from PIL.Image import Image
 
 from denoc_ros.bags.reader import read_description
 from denoc_ros.bags.run import Diagnostic, RecordedTopics, read_run
-from denoc_ros.cli.provenance import named_file, named_text, provenance
 from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.errors import BagError, ConfigError, DenocError
 from denoc_ros.model.joint_units import Units
 from denoc_ros.output_files import write_text
 from denoc_ros.pages.html_page import PageSection, ReportPage
 from denoc_ros.pages.loop_timing import LoopMeasure, NodeWarnings, loop_measures, warnings
+from denoc_ros.pages.provenance import named_file, named_text, provenance
 from denoc_ros.parts import optional
 from denoc_ros.reports import energy_balance, headline, sections
 from denoc_ros.reports.headline import time_in_words

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from page_look import contrast, require_one_look
 
 from denoc_ros.cli.main import main
-from denoc_ros.cli.provenance import command_line
 from denoc_ros.pages.html_page import Card, PageSection, PageTable, ReportPage, Verdict
+from denoc_ros.pages.provenance import command_line
 from denoc_ros.reports.run_page import report
 
 Array = NDArray[Any]

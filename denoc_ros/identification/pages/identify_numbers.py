@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from denoc_ros.cli.provenance import provenance
 from denoc_ros.identification.model.excitation import Excitation
 from denoc_ros.identification.model.model_result import verdict_text
 from denoc_ros.identification.pages.identify_result import (
@@ -21,6 +20,7 @@ from denoc_ros.model.joint_units import Units
 from denoc_ros.model.tree import Tree
 from denoc_ros.pages.figures import Curve, Ink, Panel, line_figure
 from denoc_ros.pages.html_page import PageSection, PageTable, ReportPage, Verdict, engineering
+from denoc_ros.pages.provenance import provenance
 
 DRAWN = 400  # points of a curve
 

@@ -6,9 +6,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from denoc_ros.cli.provenance import provenance
 from denoc_ros.pages.figures import RESULT_HEIGHT, Curve, Figure, Ink, Panel, line_figure
 from denoc_ros.pages.html_page import Card, PageSection, PageTable, ReportPage, Tone, Verdict
+from denoc_ros.pages.provenance import provenance
 from denoc_ros.text_table import cell_text, text_table
 from denoc_ros.types import Array
 

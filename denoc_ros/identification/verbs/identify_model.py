@@ -33,7 +33,6 @@ from denoc_ros.cli.arguments import (
 from denoc_ros.cli.many_runs import WorkerConfig, add_worker_options, worker_config
 from denoc_ros.cli.motion_file import write_joint_trajectory, write_points
 from denoc_ros.cli.progress import Progress, share_bar
-from denoc_ros.cli.provenance import named_file
 from denoc_ros.cli.verb_result import VerbResult
 from denoc_ros.cli.verbs import exit_status
 from denoc_ros.dynamics.robot import Robot, load_robot
@@ -57,6 +56,7 @@ from denoc_ros.identification.pages.identify_numbers import (
 from denoc_ros.identification.verbs.identify_options import Action, Fit
 from denoc_ros.identification.verbs.identify_rows import RowKind, recordings, rows_result
 from denoc_ros.output_files import require_new, write_text
+from denoc_ros.pages.provenance import named_file
 from denoc_ros.text_table import Row
 
 OF_NUMBER: dict[str, type] = {'': float, ' from': float, ' to': float, ' verdict': str}

@@ -26,7 +26,6 @@ from denoc_ros.cli.arguments import (
     settings_of,
     window_findings,
 )
-from denoc_ros.cli.provenance import versions
 from denoc_ros.cli.verb_result import VerbResult
 from denoc_ros.cli.verbs import exit_status
 from denoc_ros.errors import ConfigError
@@ -35,6 +34,7 @@ from denoc_ros.identification.identification_result import RESULT_FILE, write_re
 from denoc_ros.identification.verbs.actions import ACTIONS
 from denoc_ros.output_files import Document, write_text
 from denoc_ros.pages.html_page import ReportPage
+from denoc_ros.pages.provenance import versions
 from denoc_ros.settings import declared
 
 Asked = tuple[tuple[float, float], int | None]  # band [Hz], number of modes
