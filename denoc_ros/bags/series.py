@@ -503,13 +503,13 @@ def inertial_numbers(kind: str, vectors: Iterable[str]) -> dict[str, tuple[str, 
     return {kind: tuple(path for vector in vectors for path in known[vector])}
 
 
-def read_readings(path: str | Path, topic: str, place: Place) -> tuple[Stamps, Array]:
-    """Return stamps [ns] and raw readings of one sensor, (k,) each.
+def read_readings(path: str | Path, topic: str, places: Sequence[Place]) -> tuple[Stamps, Array]:
+    """Return stamps (k,) [ns] and raw readings (k, sensors) of the sensors of a topic.
 
     Raises
     ------
     BagError
-        As `read_bag`; also for a topic of another type, and a message without the sensor.
+        As `read_bag`; also for a topic of another type, and a message without a sensor.
     """
     stamps, readings = [], []
     topic = resolved(topic, bag_topics(path))
@@ -520,16 +520,20 @@ def read_readings(path: str | Path, topic: str, place: Place) -> tuple[Stamps, A
             raise BagError(
                 f'{path}: topic {topic} must be one of {", ".join(readers)}, got {kind}'
             )
-        try:
-            stamp_ns, reading = readers[kind](CdrReader, raw, place)
-        except CdrError as error:
-            raise BagError(
-                f'{path}: messages on {topic} must hold sensor {place[0]!r} '
-                f'(field {place[1] or place[0]!r}), got one without'
-            ) from error
+        found = []
+        for place in places:
+            try:
+                stamp_ns, reading = readers[kind](CdrReader, raw, place)
+            except CdrError as error:
+                raise BagError(
+                    f'{path}: messages on {topic} must hold sensor {place[0]!r} '
+                    f'(field {place[1] or place[0]!r}), got one without'
+                ) from error
+            found.append(reading)
         stamps.append(stamp_ns or log_ns)
-        readings.append(reading)
-    return np.array(stamps, dtype=np.int64), np.array(readings, dtype=np.float64)
+        readings.append(found)
+    values = np.array(readings, dtype=np.float64).reshape(len(readings), len(places))
+    return np.array(stamps, dtype=np.int64), values
 
 
 def resolved(topic: str, topics: Iterable[str]) -> str:

@@ -82,8 +82,8 @@ def test_wrench_in_a_bag_is_read_as_a_load_cells(robot: dn.Robot, tmp_path: Path
         bag.write_message('/torque_cell', 7, wrench=wrench)
     found = {
         sensor.name: read_readings(
-            tmp_path / 'run.mcap', sensor.topic, message_place(sensor, robot.tree)
-        )[1].tolist()
+            tmp_path / 'run.mcap', sensor.topic, [message_place(sensor, robot.tree)]
+        )[1][:, 0].tolist()
         for sensor in robot.tree.sensors
         if sensor.type == 'torque_cell'
     }

@@ -279,12 +279,18 @@ def _sensors(path: str | Path, robot: Robot, origin_ns: int) -> Readings:
     """Return stamps [s] and readings of the sensors whose topics are in the bag."""
     found = {}
     topics = bag_topics(path)
-    for sensor in robot.tree.sensors:
-        if not sensor.topic or resolved(sensor.topic, topics) not in topics:
-            continue
-        stamp_ns, raw = read_readings(path, sensor.topic, message_place(sensor, robot.tree))
-        t, values = _on_clock(stamp_ns, raw[:, None], origin_ns)
-        found[sensor.name] = (t, values[:, 0])
+    recorded = [
+        sensor
+        for sensor in robot.tree.sensors
+        if sensor.topic and resolved(sensor.topic, topics) in topics
+    ]
+    for topic in dict.fromkeys(sensor.topic for sensor in recorded):
+        own = [sensor for sensor in recorded if sensor.topic == topic]
+        places = [message_place(sensor, robot.tree) for sensor in own]
+        stamp_ns, raw = read_readings(path, topic, places)
+        for sensor, column in zip(own, raw.T, strict=True):
+            t, values = _on_clock(stamp_ns, column[:, None], origin_ns)
+            found[sensor.name] = (t, values[:, 0])
     for inertial in robot.tree.inertial_sensors:
         if inertial.topic and resolved(inertial.topic, topics) in topics:
             numbers = inertial_numbers(inertial.kind.message, inertial.kind.vectors)

@@ -156,8 +156,8 @@ def _readings(args: argparse.Namespace, robot: Robot) -> tuple[Any, Any, float]:
     (sensor,) = (s for s in robot.tree.sensors if s.name == args.sensor)
     if not sensor.topic:
         raise ConfigError(str(args.robot), [f'sensor {sensor.name!r} must have a topic, got none'])
-    stamp_ns, raw = read_readings(path, sensor.topic, message_place(sensor, robot.tree))
-    plateaus = find_plateaus(elapsed(stamp_ns), raw, args.hold)
+    stamp_ns, raw = read_readings(path, sensor.topic, [message_place(sensor, robot.tree)])
+    plateaus = find_plateaus(elapsed(stamp_ns), raw[:, 0], args.hold)
     return plateaus.means, match_levels(plateaus, args.levels), plateaus.deviation
 
 
