@@ -33,6 +33,7 @@ STAMP = parameter(
     choices=('header', 'log'),
 )
 
+BAG_FOLDER = 'bag'  # of a session's directory
 DESCRIPTION_ATTACHMENT = 'robot_description.urdf'
 SESSION_ATTACHMENT = 'session.json'  # what a simulated run was
 DESCRIPTION_TOPIC = 'robot_description'
@@ -309,7 +310,7 @@ def require_readable(path: Path) -> Path:
     if not path.exists():
         raise BagError(f'{path}: bag must exist, got nothing there')
     if path.is_dir():
-        return _require_finished_folder(path)
+        return _require_finished_folder(bag_folder(path))
     if not path.is_file():
         raise BagError(f'{path}: bag must be a folder or a regular file, got another kind')
     if not path.name.endswith(BAG_SUFFIXES):
@@ -320,6 +321,12 @@ def require_readable(path: Path) -> Path:
     if path.suffix == '.mcap' and is_mcap(path) and not _is_finished(path):
         raise BagError(_unfinished(path))
     return path
+
+
+def bag_folder(folder: Path) -> Path:
+    """Return the bag of a folder: that of a session's directory, else the folder itself."""
+    inside = folder / BAG_FOLDER
+    return inside if inside.is_dir() and not (folder / METADATA_NAME).is_file() else folder
 
 
 def _mcap_files(source: Path) -> list[Path]:

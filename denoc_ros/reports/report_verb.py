@@ -8,10 +8,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from denoc_ros.bags.reader import BAG_FOLDER
 from denoc_ros.cli.arguments import add_json, add_option, add_output, add_phase, unused
 from denoc_ros.cli.verb_result import VerbResult
 from denoc_ros.reports.run_page import report
-from denoc_ros.simulation.recorded.run_files import BAG_FOLDER, recording_name
+from denoc_ros.simulation.recorded.run_files import recording_name
 from denoc_ros.terminal_text import say
 
 DESCRIPTION = (

@@ -7,6 +7,7 @@ import time
 from pathlib import Path
 from typing import Any
 
+from denoc_ros.bags.reader import BAG_FOLDER
 from denoc_ros.bags.recover import recover
 from denoc_ros.cli.interrupts import Interrupt
 from denoc_ros.cli.progress import Progress
@@ -14,7 +15,7 @@ from denoc_ros.cli.verbs import verbs
 from denoc_ros.errors import DenocError
 from denoc_ros.output_files import whole_file, write_text
 from denoc_ros.parts import optional
-from denoc_ros.simulation.recorded.run_files import BAG_FOLDER, SESSION_FILE
+from denoc_ros.simulation.recorded.run_files import SESSION_FILE
 from denoc_ros.terminal_text import say
 
 CUT_OFF = 'bag_cut_off'  # what a recorder left that did not end by itself

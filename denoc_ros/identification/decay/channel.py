@@ -12,7 +12,7 @@ import numpy as np
 
 from denoc_ros.bags.definitions import DefinitionError
 from denoc_ros.bags.joint_state import FIELDS, JOINT_STATE
-from denoc_ros.bags.reader import bag_topics, read_bag, warn_left_out
+from denoc_ros.bags.reader import bag_folder, bag_topics, read_bag, warn_left_out
 from denoc_ros.bags.series import elapsed, element_names, read_arrays, read_joint_states
 from denoc_ros.errors import BagError
 from denoc_ros.identification.decay.records import Record
@@ -93,7 +93,7 @@ def read_record(path: str | Path, channel: Channel) -> Reading:
     IdentificationError
         When the samples make no record.
     """
-    path = Path(path)
+    path = bag_folder(Path(path))
     origin_ns = 0
     lost: dict[str, int] = {}
     if is_table(path):

@@ -7,6 +7,7 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
+from denoc_ros.bags.reader import bag_folder
 from denoc_ros.cli.arguments import (
     WINDOW,
     add_json,
@@ -137,7 +138,8 @@ def _modal(
 ) -> Fit | VerbResult:
     """Identify; exit status of the modes asked for: 0 good, 2 doubtful, 3 not identifiable."""
     found = recordings(paths)
-    if len(found) > 1 or str(found[0]) not in paths or workers != WorkerConfig():
+    is_one = len(paths) == 1 and bag_folder(Path(paths[0])) == found[0]
+    if not is_one or workers != WorkerConfig():
         return rows_result(MODAL, options, found, output, workers, not json)
     document, analysis = identify_decay(found[0], options)
     return Fit(document, (analysis,), _left_out(options, document))

@@ -10,11 +10,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from denoc_ros.bags.reader import BAG_FOLDER
 from denoc_ros.cli.many_runs import FAILURE, RowStore, WorkerConfig, run_batch
 from denoc_ros.cli.verb_result import VerbResult
 from denoc_ros.cli.verbs import BAD_INPUT, DOUBTFUL
 from denoc_ros.errors import BagError
-from denoc_ros.simulation.recorded.run_files import BAG_FOLDER, SESSION_FILE
+from denoc_ros.simulation.recorded.run_files import SESSION_FILE
 from denoc_ros.text_table import Row, text_table
 
 RECORDINGS = ('.mcap', '.db3', '.csv', '.tsv', '.dat', '.mat', '.json')

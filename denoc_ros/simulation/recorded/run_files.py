@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from denoc_ros.bags.reader import bag_folder
 from denoc_ros.bags.run import LATEST_NS, RecordedPhase, parameter_changes, phases_of, read_marks
 from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import BagError
@@ -27,7 +28,6 @@ from denoc_ros.types import Array
 
 EARTH = (0.0, 0.0, -9.81)  # m/s^2, where nothing is said
 FORMATS = ('.mcap', '.db3', '.csv', '.tsv', '.txt', '.dat', '.mat', '.json')
-BAG_FOLDER = 'bag'
 SESSION_FILE = 'session.json'
 SIMULATED = 'simulate'  # kind of a session
 STEPPED = 'simulated'  # mode of a session's time
@@ -47,8 +47,7 @@ def find_bag(run_path: Path) -> Path:
     """Return the bag of a run's directory, or the bag itself."""
     if not run_path.exists():
         raise BagError(f'{run_path}: run must be a directory or a bag, got nothing there')
-    inside = run_path / BAG_FOLDER
-    return inside if inside.is_dir() else run_path
+    return bag_folder(run_path)
 
 
 def recorded_description(bag: Path) -> str:

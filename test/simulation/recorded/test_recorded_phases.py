@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 
+from denoc_ros.bags.reader import bag_contents, read_raw
 from denoc_ros.bags.run import RecordedPhase
 from denoc_ros.bags.writer import BagWriter
 from denoc_ros.errors import BagError
@@ -47,6 +48,14 @@ def test_a_phase_that_did_not_end_says_so_and_lasts_to_the_end_of_the_bag(tmp_pa
     assert recorded_phases(run_folder(tmp_path, [], noted)) == (
         RecordedPhase('stiff (unfinished)', 12),
     )
+
+
+def test_every_reader_takes_the_directory_of_a_session_for_its_bag(tmp_path: Path) -> None:
+    run = run_folder(tmp_path, MARKS, [])
+    assert bag_contents(run) == bag_contents(run / 'bag')
+    assert list(read_raw(run)) == list(read_raw(run / 'bag'))
+    with pytest.raises(BagError, match='bag folder must hold metadata.yaml'):
+        bag_contents(tmp_path / 'bag' / '..' / '..')
 
 
 def test_a_recording_without_phases_is_one_without_a_name(tmp_path: Path) -> None:
