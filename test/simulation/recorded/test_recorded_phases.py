@@ -54,7 +54,7 @@ def test_every_reader_takes_the_directory_of_a_session_for_its_bag(tmp_path: Pat
     run = run_folder(tmp_path, MARKS, [])
     assert bag_contents(run) == bag_contents(run / 'bag')
     assert list(read_raw(run)) == list(read_raw(run / 'bag'))
-    with pytest.raises(BagError, match='bag folder must hold metadata.yaml'):
+    with pytest.raises(BagError, match=r'bag folder must hold metadata\.yaml'):
         bag_contents(tmp_path / 'bag' / '..' / '..')
 
 
