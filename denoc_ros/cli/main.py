@@ -77,7 +77,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run one verb of the command line; return its exit status."""
     arguments = list(sys.argv[1:] if argv is None else argv)
     name = f'denoc {" ".join(arguments[:1])}'
-    return run_command(name, build_parser, _completed(arguments), is_process=argv is None)
+    return run_command(name, build_parser, completed(arguments), is_process=argv is None)
 
 
 def run_command(
@@ -189,7 +189,7 @@ def build_parser(arguments: Sequence[str] = ()) -> Parser:
     return parser
 
 
-def _completed(arguments: list[str]) -> list[str]:
+def completed(arguments: list[str]) -> list[str]:
     """Put the default action in where a verb that has actions is given none."""
     row = verbs().get(arguments[0]) if len(arguments) > 1 else None
     if row is None or not row.actions or arguments[1].startswith('-'):

@@ -13,13 +13,13 @@ from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory
 
 from denoc_ros.bags.cdr import CdrError, CdrReader
+from denoc_ros.bags.joint_state import read_names
 from denoc_ros.runtime.inputs.input_monitor import (
     MOST_JOINTS,
     ActivePublishers,
     InputError,
     InputMonitor,
 )
-from denoc_ros.runtime.inputs.message_readers import joint_names
 from denoc_ros.runtime.loop.clocks import Clock
 
 HELD = 4  # heavy messages that wait; more of them in so short a time are a flood
@@ -146,8 +146,8 @@ def _header_stamp_ns(raw: bytes) -> int:
 def _joints_of(raw: bytes) -> frozenset[str]:
     """Return the joints that a JointState names; none where it is malformed."""
     try:
-        return frozenset(joint_names(raw))
-    except InputError:  # who handles it will say so
+        return frozenset(read_names(CdrReader(raw)))
+    except CdrError:  # who handles it will say so
         return frozenset()
 
 

@@ -18,7 +18,7 @@ from launch_files import arguments as launch_arguments
 from launch_stand_in import flat
 from pages import Snippet
 
-from denoc_ros.cli.main import build_parser, main
+from denoc_ros.cli.main import build_parser, completed, main
 from denoc_ros.cli.session.session_config import NODES, find_file, load_config
 from denoc_ros.cli.simulate_verb import prepare
 from denoc_ros.export.dh_system import load_system
@@ -47,6 +47,7 @@ def run_command(words: list[str], snippet: Snippet) -> None:
 def run_denoc(arguments: list[str], snippet: Snippet) -> None:
     """Run a verb as its user does; `parse` in the directive: only understand it."""
     if 'parse' in snippet.directive:
+        arguments = completed(arguments)
         args = build_parser(arguments).parse_args(arguments)
         if args.verb == 'up' and find_file(Path(args.config), Path()):
             check_session(args.config, args.set)
@@ -176,8 +177,8 @@ def check_ros_name(word: str) -> None:
     """A topic or service `/NODE/name` is one that the node's sources have as `~/name`."""
     match = re.fullmatch(r'/(\w+)/(\w+)', word)
     if match and match[1] in NODES:
-        module = node_main(match[1]).rpartition('.')[0].removeprefix('denoc_ros.')
-        sources = (ROOT / 'denoc_ros' / module.replace('.', '/')).parent.glob('*.py')
+        folder = node_main(match[1]).rpartition('.')[0].replace('.', '/')
+        sources = (ROOT / folder).glob('*.py')
         assert any(f'~/{match[2]}' in file.read_text() for file in sources), f'no {word}'
 
 
