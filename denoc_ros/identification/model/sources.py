@@ -205,7 +205,8 @@ def read_source(
             f'got {", ".join(unknown)}'
         )
     whole = _with_torque_constants(path, whole, settings.torque_constants)
-    return replace(_window(whole, settings.begin, settings.end), filters=settings.filters)
+    part = _window(whole, settings.begin, settings.end)
+    return replace(part, filters=settings.filters, doubts=tuple(_jumps(robot.tree, part)))
 
 
 def _recording(
@@ -229,19 +230,17 @@ def _recording(
         path.name,
         poses=poses,
         origin_ns=origin_ns,
-        doubts=tuple(_jumps(tree, whole, rates)),
     )
 
 
-def _jumps(tree: Tree, whole: JointSeries, rates: Array | None) -> list[str]:
+def _jumps(tree: Tree, read: Recording) -> list[str]:
     """Return in words where positions jump: the model is integrated across."""
-    if len(whole.t) < 2:
-        return []
-    trusted = rates if rates is not None and rates.any() else None
-    jumps = jumps_between(whole.t, whole.position, trusted)
-    jumps &= ~gaps_between(whole.t, float(np.median(np.diff(whole.t))))[:, None]
-    angular = angular_joints(tree, whole.names)
-    found = found_jumps(whole.names, whole.t, whole.position, jumps, angular)
+    trusted = read.velocity if read.velocity is not None and read.velocity.any() else None
+    jumps = jumps_between(read.t, read.position, trusted)
+    jumps &= ~gaps_between(read.t, float(np.median(np.diff(read.t))))[:, None]
+    found = found_jumps(
+        read.joints, read.t, read.position, jumps, angular_joints(tree, read.joints)
+    )
     return jump_doubts([jump for _, jump in found], ('turn', 'sample', 'place'))
 
 
