@@ -220,7 +220,9 @@ def _compile(config: SessionConfig, progress: Progress, watch: Callable[[], None
     """Compile the kernels that the session needs, if some are not in the cache."""
     loops = bool(config.joints)
     plans = any(phase.shape for phase in config.phases) or 'shaper' not in config.without
-    wanted = kernels(loops, plans, any(map(config.has_state_feedback, config.phases)))
+    feeds_back = any(map(config.has_state_feedback, config.phases))
+    identifies = any(phase.identify for phase in config.phases)
+    wanted = kernels(loops, plans, feeds_back, identifies)
     if expected := estimate(wanted):
         what = 'compiling the kernels in two processes, once per version and user'
         with progress.step(what, expected):

@@ -58,7 +58,9 @@ def all_kernels(loops: bool = True) -> list[Any]:
     return _heavy_at_both_ends(found)
 
 
-def kernels(loops: bool, plans: bool, feedback: bool = False) -> list[Any]:
+def kernels(
+    loops: bool, plans: bool, feedback: bool = False, identifies: bool = False
+) -> list[Any]:
     """Return the kernels of a session: heavy ones at both ends."""
     of_robot = CONSTRAINT_KERNELS if loops else DRIVEN_KERNELS
     found = [*KERNELS, *of_robot, inverse_derivatives.inverse_dynamics_derivatives]
@@ -75,6 +77,8 @@ def kernels(loops: bool, plans: bool, feedback: bool = False) -> list[Any]:
         ]
     if feedback and (part := optional('feedback.state_feedback')):
         found += part.FEEDBACK_KERNELS
+    if identifies and (part := optional('identification.run_numbers')):
+        found += part.IDENTIFICATION_KERNELS
     return _heavy_at_both_ends(found)
 
 

@@ -31,6 +31,9 @@ from denoc_ros.identification.model.sources import (
     read_source,
 )
 from denoc_ros.identification.tables.tables import is_table
+from denoc_ros.kernels.algebra import kalman
+from denoc_ros.kernels.derivatives import forward_derivatives
+from denoc_ros.kernels.dynamics import articulated, step
 from denoc_ros.model.numbers import values_of
 from denoc_ros.model.payloads import carrying_links
 from denoc_ros.output_files import Document, plain
@@ -45,6 +48,12 @@ from denoc_ros.simulation.recorded.run_files import (
 )
 from denoc_ros.types import Array
 
+# of a fit, for those that compile before a session
+IDENTIFICATION_KERNELS = (
+    *(kalman.linear_states, kalman.filter_gains, kalman.filter_values, step.advance_along),
+    articulated.articulated_dynamics_rows,
+    forward_derivatives.hybrid_dynamics_derivatives_rows,
+)
 SHORTEST_STRETCH = 2.0  # s of motion without a gap that tell of a robot
 SAME_MODE = 0.03  # largest relative distance of two frequencies of one mode
 FOUND = 'found'  # verdict of a number within 5 %

@@ -30,8 +30,8 @@ def test_heavy_kernels_are_at_both_ends() -> None:
 
 def test_a_session_needs_what_is_compiled_ahead_of_all() -> None:
     every = warmup.all_kernels()
-    for loops, plans in product((False, True), repeat=2):
-        assert set(warmup.kernels(loops, plans)) <= set(warmup.all_kernels(loops))
+    for what in product((False, True), repeat=4):
+        assert set(warmup.kernels(*what)) <= set(warmup.all_kernels(loops=what[0]))
     assert set(warmup.all_kernels(loops=False)) < set(every)
 
 
