@@ -45,13 +45,18 @@ def run_page(document: Mapping[str, Any], command: str) -> ReportPage:
             'recording. SI units.'
         )
         tables = [_numbers(plant), *([_modes(plant)] if plant['beams'] else [])]
-        lines = [' '.join([_whose(plant, len(plants)), text]).strip()]
-        sections.append(PageSection('Numbers', ' '.join([*lines, *_notes(plant)]), tables=tables))
+        whose = _whose(plant, len(plants)).rstrip(':')
+        sentences = [_sentence(each) for each in (whose, text.rstrip('.'), *_notes(plant)) if each]
+        sections.append(PageSection('Numbers', ' '.join(sentences), tables=tables))
         sections.append(channels_section(plant['channels']))
     said = f'{len(found)} of {len(needed)} numbers that a motion of this robot needs are found'
     return result_page(
         document, 'What the run says of the robot', said, number_cards(found), sections, command
     )
+
+
+def _sentence(line: str) -> str:
+    return f'{line[0].upper()}{line[1:]}.'
 
 
 def _whose(plant: Mapping[str, Any], count: int) -> str:
