@@ -82,6 +82,7 @@ def test_aliases_and_merge_keys_of_use_are_read() -> None:
     assert load_yaml(text)['two'] == {'a': 1, 'b': 2}
 
 
+@pytest.mark.parts('identification')
 @pytest.mark.parametrize('text', [ALIASES, MERGES, '&a {robot: *a}', 'robot: ' + '[' * 20_000])
 def test_every_file_of_yaml_is_read_within_the_bounds(
     tmp_path: Path, text: str, capsys: pytest.CaptureFixture[str]
