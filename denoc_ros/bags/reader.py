@@ -326,6 +326,8 @@ def require_readable(path: Path) -> Path:
 def bag_folder(folder: Path) -> Path:
     """Return the bag of a folder: that of a session's directory, else the folder itself."""
     inside = folder / BAG_FOLDER
+    if (folder / SESSION_ATTACHMENT).is_file() and not inside.is_dir():
+        raise BagError(f'{folder}: run must have its bag in the folder {BAG_FOLDER}, got none')
     return inside if inside.is_dir() and not (folder / METADATA_NAME).is_file() else folder
 
 

@@ -160,8 +160,11 @@ def bring_up(
     check_parameters(config, session_nodes(config, bag))
     for phase in config.phases:
         if phase.identify:
-            whose = f'{config.path}: phases: {phase.name}: identify'
-            required(IDENTIFICATION, whose)
+            whose = f'{config.path}: phase {phase.name!r}: identify'
+            finder = required(IDENTIFICATION, whose)
+            if 0.0 < config.duration < finder.SHORTEST_STRETCH:
+                rule = f'each phase must last {finder.SHORTEST_STRETCH:g} s or more'
+                raise ConfigError(whose, [f'{rule}, got duration: {config.duration:g}'])
             if not config.record:
                 raise ConfigError(whose, ['the session must record, got record: false'])
     progress = Progress()

@@ -16,12 +16,13 @@ import numpy as np
 from denoc_ros.bags.digest import file_hash
 from denoc_ros.bags.run import LATEST_NS, RecordedPhase, motions_of, phases_of, read_marks
 from denoc_ros.dynamics.robot import Robot, load_robot
-from denoc_ros.errors import DenocError, IdentificationError
+from denoc_ros.errors import DenocError, IdentificationError, SolverError
 from denoc_ros.identification.decay.analysis import analyse_decay
 from denoc_ros.identification.decay.damping import USABLE
 from denoc_ros.identification.decay.modes import GOOD, Modes, worst
 from denoc_ros.identification.decay.record_segments import still_spans
 from denoc_ros.identification.decay.records import Record
+from denoc_ros.identification.model.information import NOT_TOLD
 from denoc_ros.identification.model.model_fit import IdentifiedModel, identify_model
 from denoc_ros.identification.model.model_result import WORDS, result_of
 from denoc_ros.identification.model.sources import (
@@ -57,7 +58,9 @@ IDENTIFICATION_KERNELS = (
 SHORTEST_STRETCH = 2.0  # s of motion without a gap that tell of a robot
 SAME_MODE = 0.03  # largest relative distance of two frequencies of one mode
 FOUND = 'found'  # verdict of a number within 5 %
-NO_PAYLOAD = 0.01  # share of the robot's mass below which there is none
+USED = (FOUND, 'doubtful')  # verdicts of numbers that go into the robot
+SMALL_PAYLOAD = 0.05  # share of the robot's mass of a payload that may not be there
+AS_WELL = 1.1  # times the rms that a model with more numbers leaves
 NORMAL_95 = 1.96  # standard deviations in half a 95 % interval
 
 
@@ -99,7 +102,9 @@ class PlantNumbers:
     model: IdentifiedModel
     decays: tuple[FreeDecay, ...]
     beams: tuple[BeamMode, ...]
-    left_out: tuple[str, ...]  # stretches that were not used, and why
+    left_out: tuple[str, ...]  # what of the recording was not used, and why
+    # path and largest mass [kg] of a payload that was looked for and is not there
+    no_payload: tuple[str, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -243,10 +248,87 @@ def _of_one_plant(
     stretches = [each for phase in phases for each in _stretches(whole, phase, left_out)]
     if not stretches:
         raise IdentificationError('\n'.join(left_out))
-    model = identify_model(robot, stretches, free or default_free(robot, whole, tip))
-    decays = tuple(decay for each in stretches for decay in _decays(robot, each))
+    wanted = list(free) or default_free(robot, whole, tip)
     names = tuple(phase.name for phase in phases)
-    return PlantNumbers(names, plant, model, decays, combined_modes(decays), tuple(left_out))
+    try:
+        model = identify_model(robot, stretches, wanted)
+        absent = None if free else _small_payload(model, SMALL_PAYLOAD * _whole_mass(robot))
+        if absent is not None:
+            # A payload that is not there would take up errors of the other numbers.
+            others = [path for path in wanted if not path.startswith('payload.')]
+            without = identify_model(robot, stretches, others)
+            model, absent = (without, absent) if _explains(without, model) else (model, None)
+    except SolverError as error:
+        raise IdentificationError(
+            f'{", ".join(filter(None, names)) or whole.name}: recording must be of this robot, '
+            f'got one that no robot near it explains: {error}'
+        ) from error
+    decays = tuple(decay for each in stretches for decay in _decays(robot, each))
+    left_out += _unused(robot, whole)
+    return PlantNumbers(
+        names,
+        plant,
+        _without_untold_payloads(model),
+        decays,
+        combined_modes(decays),
+        tuple(left_out),
+        absent,
+    )
+
+
+def _whole_mass(robot: Robot) -> float:
+    return float(sum(body.inertia.mass for body in robot.tree.bodies))
+
+
+def _explains(model: IdentifiedModel, richer: IdentifiedModel) -> bool:
+    """Say whether a model leaves as little of each channel as one with more numbers."""
+    pairs = zip(model.channels, richer.channels, strict=True)
+    return all(one.after <= AS_WELL * other.after for one, other in pairs)
+
+
+def _small_payload(model: IdentifiedModel, small: float) -> tuple[str, float] | None:
+    """Return path and largest mass of a payload that weighs less than what is small [kg].
+
+    The search goes over the logarithm of a mass, where 0 is infinitely far: an interval that is
+    wide there is narrow in kilograms.
+    """
+    for path, mass in model.values.items():
+        if path.startswith('payload.') and path.endswith('.mass') and mass > 0.0:
+            high = model.interval[path][1]
+            most = mass * (1.0 + math.log(high / mass)) if math.isfinite(high) else math.inf
+            if most <= small:
+                return path, most
+    return None
+
+
+def _without_untold_payloads(model: IdentifiedModel) -> IdentifiedModel:
+    """Return a model in which a payload whose mass is not told has no centre either."""
+    untold = tuple(
+        path.removesuffix('mass')
+        for path, verdict in model.verdict.items()
+        if path.startswith('payload.') and path.endswith('.mass') and verdict == NOT_TOLD
+    )
+    if not untold:
+        return model
+    verdict = {
+        path: NOT_TOLD if path.startswith(untold) else word for path, word in model.verdict.items()
+    }
+    kept = {path: v for path, v in model.overrides.items() if not path.startswith(untold)}
+    return replace(model, verdict=verdict, overrides=kept)
+
+
+def _unused(robot: Robot, whole: Recording) -> Iterator[str]:
+    """Yield what a recording does not have, as far as a user expects it to."""
+    for joint in robot.tree.non_mimic_joints:
+        if joint not in whole.joints:
+            yield f'{whole.name}: {joint} must be recorded, got none of it: it is taken to be at 0'
+    for joint, column in zip(whole.joints, whole.effort.T, strict=True):
+        missing = int(np.count_nonzero(~np.isfinite(column)))
+        if 0 < missing < len(column):
+            yield (
+                f'{whole.name}: effort of {joint} must be in every joint state, got none in '
+                f'{missing} of {len(column)}: it is not used'
+            )
 
 
 def _stretches(whole: Recording, phase: RecordedPhase, left_out: list[str]) -> Iterator[Recording]:
@@ -347,7 +429,7 @@ def run_document(found: RunNumbers, file: str = '') -> Document:
         The robot's file; '': the robot in the bag.
     """
     bag = find_bag(found.run)
-    plants = [_plant_document(found.robot, each) for each in found.plants]
+    plants = [_plant_document(each) for each in found.plants]
     document = {
         'kind': 'run',
         'source': {'file': str(found.run), 'sha256': file_hash(bag)},
@@ -360,9 +442,9 @@ def run_document(found: RunNumbers, file: str = '') -> Document:
     return dict(plain(document))
 
 
-def _plant_document(robot: Robot, found: PlantNumbers) -> Document:
+def _plant_document(found: PlantNumbers) -> Document:
     document = result_of(found.model)
-    numbers = noted_numbers(found, robot)
+    numbers = noted_numbers(found)
     needed = [one for one in numbers if one['needed']] or numbers
     return {
         'phases': list(found.phases),
@@ -378,54 +460,27 @@ def _plant_document(robot: Robot, found: PlantNumbers) -> Document:
     }
 
 
-def noted_numbers(found: PlantNumbers, robot: Robot) -> list[dict[str, Any]]:
+def noted_numbers(found: PlantNumbers) -> list[dict[str, Any]]:
     """Return the numbers of a robot as plain values.
 
     Each has path, start, value, interval, verdict, and whether a motion of this robot `needed` it:
-    damping is not needed, nor what no motion shows, nor the centre of a payload that is not there.
+    damping is not needed, nor what no motion shows.
     """
     numbers: list[dict[str, Any]] = plain(result_of(found.model)['parameters'])
-    whole = sum(body.inertia.mass for body in robot.tree.bodies)
-    absent = {
-        one['path'].removesuffix('mass')
-        for one in numbers
-        if one['path'].startswith('payload.')
-        and one['path'].endswith('.mass')
-        and _is_no_payload(one, NO_PAYLOAD * whole)
-    }
     for one in numbers:
         path = one['path']
-        is_absent = path.startswith(tuple(absent)) if absent else False
-        if is_absent and path.endswith('.mass'):
-            one['verdict'] = FOUND
-        one['needed'] = not (
-            path.endswith('.damping_ratio')
-            or path in found.model.without_effect
-            or (is_absent and '.com.' in path)
-        )
+        one['needed'] = not (path.endswith('.damping_ratio') or path in found.model.without_effect)
+    if found.no_payload is not None:
+        path, most = found.no_payload
+        none = {'path': path, 'start': 0.0, 'value': 0.0, 'interval': [0.0, most], 'size': most}
+        numbers.append({**none, 'verdict': FOUND, 'needed': True})
     return numbers
 
 
-def _is_no_payload(mass: dict[str, Any], smallest: float) -> bool:
-    """Say whether a mass is 0 within what counts [kg], and give it an interval from 0 on then.
-
-    The search goes over the logarithm of a mass, where 0 is infinitely far: an interval that is
-    wide there is narrow in kilograms.
-    """
-    high = mass['interval'][1]
-    if mass['verdict'] == FOUND or high is None or mass['value'] <= 0.0:
-        return False
-    half = mass['value'] * math.log(high / mass['value'])
-    if mass['value'] + half > smallest:
-        return False
-    mass['interval'] = [0.0, mass['value'] + half]
-    return True
-
-
-def number_lines(found: PlantNumbers, robot: Robot) -> Iterator[str]:
-    """Yield the numbers that were found as text for the terminal."""
-    for one in noted_numbers(found, robot):
-        if one['verdict'] == FOUND:
-            low, high = one['interval']
-            half = 0.5 * (high - low)
-            yield f'{one["path"]}: {one["start"]:.5g} -> {one["value"]:.5g} ± {half:.2g}'
+def number_lines(found: PlantNumbers) -> Iterator[str]:
+    """Yield the numbers that are used, found or doubtful, as text for the terminal."""
+    for one in noted_numbers(found):
+        low, high = one['interval']
+        if one['verdict'] in USED and None not in (low, high):
+            half, doubt = 0.5 * (high - low), '' if one['verdict'] == FOUND else ' (doubtful)'
+            yield f'{one["path"]}: {one["start"]:.5g} -> {one["value"]:.5g} ± {half:.2g}{doubt}'

@@ -434,12 +434,12 @@ class Session:
             overrides = config.model_in(phase)
             known = robot.with_overrides(overrides) if overrides else robot
             found = finder.phase_numbers(self._closed_bag(), known, phase.identify, config.tip)
-        self._progress.say('\n'.join(finder.number_lines(found, known)))
+        self._progress.say('\n'.join(finder.number_lines(found)))
         model = {**overrides, **found.model.overrides}
         improved = replace(phase, model=model)
         planned = with_plans(config, robot, self._task, [improved], self._progress)
         self._task = planned.task
-        noted = {'from': phase.identify, 'numbers': finder.noted_numbers(found, known)}
+        noted = {'from': phase.identify, 'numbers': finder.noted_numbers(found)}
         return planned.phases[0], noted
 
     def _closed_bag(self) -> list[Path]:

@@ -356,6 +356,7 @@ class _Checker(MappingReader):
         identify = values.get('identify', '')
         if not isinstance(identify, str):
             self.fail(f'{whose}.identify', 'be the name of an earlier phase', identify)
+            identify = ''
         overrides = self._overrides(f'{whose}.model', model)
         return Phase(str(name), nodes, dict(shape), overrides, str(identify))
 

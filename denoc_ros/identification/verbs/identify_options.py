@@ -28,7 +28,7 @@ from denoc_ros.cli.arguments import (
 )
 from denoc_ros.cli.verb_result import VerbResult
 from denoc_ros.cli.verbs import exit_status
-from denoc_ros.errors import ConfigError
+from denoc_ros.errors import BagError, ConfigError
 from denoc_ros.identification.decay.channel import Channel
 from denoc_ros.identification.identification_result import RESULT_FILE, write_result
 from denoc_ros.identification.verbs.actions import ACTIONS
@@ -36,6 +36,7 @@ from denoc_ros.output_files import Document, write_text
 from denoc_ros.pages.html_page import ReportPage
 from denoc_ros.pages.provenance import versions
 from denoc_ros.settings import declared
+from denoc_ros.simulation.recorded.run_files import SESSION_FILE
 
 Asked = tuple[tuple[float, float], int | None]  # band [Hz], number of modes
 
@@ -82,6 +83,10 @@ class Action:
         assert self.text is not None
         document, notes = {**found.document, 'versions': versions()}, found.notes
         if output := args.output:
+            if (output / SESSION_FILE).exists():
+                raise BagError(
+                    f'{output}: --output must be a folder of its own, got that of a run'
+                )
             if (output / RESULT_FILE).exists():
                 notes = [*notes, f'denoc identify: {output}: the earlier result is replaced']
             write_result(output, document)

@@ -18,9 +18,11 @@ from denoc_ros.cli.arguments import (
 from denoc_ros.cli.progress import Progress
 from denoc_ros.cli.recorded_robot import robot_source
 from denoc_ros.dynamics.robot import Robot, load_robot
+from denoc_ros.errors import BagError
 from denoc_ros.identification.model.sources import RecordingSettings
 from denoc_ros.identification.pages.identify_run_page import run_page, run_text
 from denoc_ros.identification.run_numbers import RunNumbers, identify, run_document
+from denoc_ros.identification.tables.tables import is_table
 from denoc_ros.identification.verbs.identify_model import (
     add_recording,
     recording_settings,
@@ -64,6 +66,8 @@ def _run(
     start, source = robot
     if apply is not None:
         require_new(apply)
+        if not apply.parent.is_dir():
+            raise BagError(f'{apply}: --apply must be in a folder that exists, got none')
     with Progress().step('identifying'):
         found = identify(run, start, phases=phase, free=free or (), settings=recording)
     head = [] if apply is None else _applied(apply, source, found)
@@ -78,6 +82,8 @@ def _applied(target: Path, source: str | Path, found: RunNumbers) -> list[str]:
 
 def _robot(args: argparse.Namespace) -> tuple[Robot, str | Path]:
     """Return the robot where the search starts, and its file or its text."""
+    if args.robot is None and is_table(args.run):
+        raise BagError(f'{args.run}: a table must come with its robot, --robot, got none')
     source = robot_source(find_bag(args.run), args.robot)
     gravity: Any = args.gravity or read_session(args.run).get('gravity', EARTH)
     return overridden(load_robot(source, gravity=gravity), args), source

@@ -89,6 +89,7 @@ def replayed(capsys: pytest.CaptureFixture[str], bag: Path, *more: str) -> tuple
     return status, capsys.readouterr(), page.read_text() if page.exists() else ''
 
 
+@pytest.mark.parts('reports')
 def test_table_json_and_page_say_the_number_over_time(
     bag: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
