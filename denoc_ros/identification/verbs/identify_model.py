@@ -57,6 +57,7 @@ from denoc_ros.identification.verbs.identify_options import Action, Fit
 from denoc_ros.identification.verbs.identify_rows import RowKind, recordings, rows_result
 from denoc_ros.output_files import require_new, write_text
 from denoc_ros.pages.provenance import named_file
+from denoc_ros.simulation.recorded.run_files import EARTH, read_session
 from denoc_ros.text_table import Row
 
 OF_NUMBER: dict[str, type] = {'': float, ' from': float, ' to': float, ' verdict': str}
@@ -93,7 +94,7 @@ def _add_model(parser: argparse.ArgumentParser) -> None:
         action='extend',
         required=True,
     )
-    add_gravity(parser)
+    add_gravity(parser, None, "the first run's, else 0 0 -9.81")
     add_overrides(parser)
     text = 'bandwidth above which effort is not compared'
     add_number(parser, '--cutoff HZ', default_of(identify_model, 'cutoff'), text, 'Hz')
@@ -177,6 +178,13 @@ def _two_numbers(text: str) -> tuple[float, float]:
     return float(first), float(second)
 
 
+def _recorded_gravity(run: str) -> Sequence[float]:
+    """Return the gravity of a recorded run [m/s^2]."""
+    path = Path(run)
+    found: Sequence[float] = (read_session(path) if path.exists() else {}).get('gravity', EARTH)
+    return found
+
+
 def model_options(args: argparse.Namespace) -> ModelOptions:
     """Return the options of `denoc identify model`; ConfigError with every finding.
 
@@ -185,7 +193,7 @@ def model_options(args: argparse.Namespace) -> ModelOptions:
     return ModelOptions(
         robot=args.robot,
         file=given_file(args.robot, 'robot').resolve(),
-        gravity=tuple(args.gravity),
+        gravity=tuple(args.gravity or _recorded_gravity(args.bags[0])),
         overrides=overrides_of(args.set, args.payload),
         recording=recording_settings(args),
         free=args.free,
