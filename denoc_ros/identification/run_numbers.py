@@ -22,6 +22,7 @@ from denoc_ros.identification.decay.damping import USABLE
 from denoc_ros.identification.decay.modes import GOOD, Modes, worst
 from denoc_ros.identification.decay.record_segments import still_spans
 from denoc_ros.identification.decay.records import Record
+from denoc_ros.identification.model.free_parameters import moving_mass
 from denoc_ros.identification.model.information import NOT_TOLD
 from denoc_ros.identification.model.model_fit import IdentifiedModel, identify_model
 from denoc_ros.identification.model.model_result import WORDS, result_of
@@ -252,7 +253,7 @@ def _of_one_plant(
     names = tuple(phase.name for phase in phases)
     try:
         model = identify_model(robot, stretches, wanted)
-        absent = None if free else _small_payload(model, SMALL_PAYLOAD * _whole_mass(robot))
+        absent = None if free else _small_payload(model, SMALL_PAYLOAD * moving_mass(robot))
         if absent is not None:
             # A payload that is not there would take up errors of the other numbers.
             others = [path for path in wanted if not path.startswith('payload.')]
@@ -274,10 +275,6 @@ def _of_one_plant(
         tuple(left_out),
         absent,
     )
-
-
-def _whole_mass(robot: Robot) -> float:
-    return float(sum(body.inertia.mass for body in robot.tree.bodies))
 
 
 def _explains(model: IdentifiedModel, richer: IdentifiedModel) -> bool:
@@ -472,7 +469,7 @@ def noted_numbers(found: PlantNumbers) -> list[dict[str, Any]]:
         one['needed'] = not (path.endswith('.damping_ratio') or path in found.model.without_effect)
     if found.no_payload is not None:
         path, most = found.no_payload
-        none = {'path': path, 'start': 0.0, 'value': 0.0, 'interval': [0.0, most], 'size': most}
+        none = {'path': path, 'start': 0.0, 'value': 0.0, 'interval': [0.0, most], 'size': 0.0}
         numbers.append({**none, 'verdict': FOUND, 'needed': True})
     return numbers
 

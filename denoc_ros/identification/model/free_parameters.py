@@ -142,11 +142,16 @@ def _positive(path: str, value: float, scale: float) -> FreeNumber:
 
 def _payload_scale(robot: Robot) -> float:
     """Return the least mass of a payload that counts [kg]."""
+    return min(1.0, PAYLOAD * moving_mass(robot)) or 1.0
+
+
+def moving_mass(robot: Robot) -> float:
+    """Return the mass of a robot's rigid bodies, beams and links with component modes [kg]."""
     beams = [body.beam for body in robot.tree.bodies if body.beam is not None]
     mass = sum(body.inertia.mass for body in robot.tree.bodies)
     mass += sum(beam.mass_per_length * beam.length for beam in beams)
     mass += sum(body.modes.link.mass for body in robot.tree.bodies if body.modes is not None)
-    return min(1.0, PAYLOAD * mass) or 1.0
+    return float(mass)
 
 
 def unit_of(path: str) -> str:
