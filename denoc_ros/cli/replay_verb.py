@@ -27,7 +27,7 @@ from denoc_ros.cli.progress import share_bar
 from denoc_ros.cli.recorded_robot import robot_source
 from denoc_ros.cli.verb_result import VerbResult
 from denoc_ros.cli.verbs import DOUBTFUL
-from denoc_ros.dynamics.robot import Robot, load_robot
+from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import BagError
 from denoc_ros.output_files import require_new, write_text
 from denoc_ros.pages.provenance import named_file, named_text, provenance
@@ -36,10 +36,9 @@ from denoc_ros.simulation.recorded.replay_bag import replay_bag, replayed_phases
 from denoc_ros.simulation.recorded.replay_settings import ReplaySettings
 from denoc_ros.simulation.recorded.replay_summary import error_rows, lines, summarize
 from denoc_ros.simulation.recorded.run_files import (
-    EARTH,
     find_bag,
-    read_session,
     recording_name,
+    robot_of_run,
 )
 
 TABLES, TABLE_FILES = 'identification.tables.joint_table', 'identification.tables.tables'
@@ -115,7 +114,7 @@ def run(args: argparse.Namespace) -> VerbResult:
     bag = find_bag(args.bag)
     output = args.output or _default_output(args.bag, bag)
     require_new(None if args.no_output else output)
-    robot = _robot(args, bag, read_session(args.bag))
+    robot = _robot(args)
     with _as_bag(args, bag, robot) as recorded, share_bar(quiet=args.json) as bar:
         run = recorded if recorded != bag else args.bag
         phases = replayed_phases(run, recorded, args.phase, args.robot is None)
@@ -160,9 +159,6 @@ def _default_output(run: Path, bag: Path) -> Path:
     return Path(f'{recording_name(run)}_replay') if run == bag else run / 'replay'
 
 
-def _robot(args: argparse.Namespace, bag: Path, session: dict[str, Any]) -> Robot:
-    source = robot_source(bag, args.robot)
-    robot = load_robot(source, gravity=args.gravity or session.get('gravity', EARTH))
-    if args.robot is None and session.get('model'):
-        robot = robot.with_overrides(session['model'])  # as the session's controller had it
-    return overridden(robot, args)
+def _robot(args: argparse.Namespace) -> Robot:
+    given = None if args.robot is None else robot_source(find_bag(args.bag), args.robot)
+    return overridden(robot_of_run(args.bag, given, args.gravity), args)

@@ -15,7 +15,7 @@ import numpy as np
 
 from denoc_ros.bags.digest import file_hash
 from denoc_ros.bags.run import LATEST_NS, RecordedPhase, motions_of, phases_of, read_marks
-from denoc_ros.dynamics.robot import Robot, load_robot
+from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import DenocError, IdentificationError, SolverError
 from denoc_ros.identification.decay.analysis import analyse_decay
 from denoc_ros.identification.decay.damping import USABLE
@@ -41,12 +41,10 @@ from denoc_ros.model.payloads import carrying_links
 from denoc_ros.output_files import Document, plain
 from denoc_ros.simulation.recorded.plausibility import gaps_between, jumps_between
 from denoc_ros.simulation.recorded.run_files import (
-    EARTH,
-    SIMULATED,
     find_bag,
     read_session,
-    recorded_description,
     recorded_phases,
+    robot_of_run,
 )
 from denoc_ros.types import Array
 
@@ -171,10 +169,7 @@ def identify(
     path = Path(run)
     bag, session = find_bag(path), read_session(path)
     if not isinstance(robot, Robot):
-        source = recorded_description(bag) if robot is None else robot
-        robot = load_robot(source, gravity=session.get('gravity', EARTH))
-        if session.get('kind') != SIMULATED:  # a simulation notes what is true
-            robot = robot.with_overrides(session.get('model', {}))
+        robot = robot_of_run(path, robot, before_simulation=True)
     whole = read_source(bag, robot, settings)
     groups: dict[str, list[RecordedPhase]] = {}
     has_none = is_table(bag) and not phases

@@ -244,19 +244,21 @@ def _doubted(found: IdentifiedModel) -> IdentifiedModel:
         f'the search begins with ({found.start[path]:.4g}), got {found.values[path]:.4g}'
         for path in _far_stiffness(found)
     ]
-    if not far:
-        return found
-    words = {p: 'doubtful' if v == 'found' else v for p, v in found.verdict.items()}
-    return replace(found, verdict=words, reasons=(*found.reasons, *far))
+    return _doubted_for(found, far)
 
 
 def _recorded_doubts(found: IdentifiedModel, whole: Sequence[Recording]) -> IdentifiedModel:
     """Return the result, doubtful where a recording is."""
     doubts = [f'{each.name}: {doubt}' for each in whole for doubt in each.doubts]
-    if not doubts:
+    return _doubted_for(found, doubts)
+
+
+def _doubted_for(found: IdentifiedModel, reasons: Sequence[str]) -> IdentifiedModel:
+    """Return the result, in which nothing is better than doubtful where there are reasons."""
+    if not reasons:
         return found
     words = {p: 'doubtful' if v == 'found' else v for p, v in found.verdict.items()}
-    return replace(found, verdict=words, reasons=(*found.reasons, *doubts))
+    return replace(found, verdict=words, reasons=(*found.reasons, *reasons))
 
 
 def with_far_starts(found: IdentifiedModel, led: Mapping[str, float]) -> IdentifiedModel:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -54,23 +54,30 @@ def _text(section: PageSection) -> str:
 
 
 def _numbers(numbers: Sequence[Mapping[str, Any]]) -> PageSection:
+    text = (
+        'Found: known within 5 %. Doubtful: within 50 %, or the held-out part of a run is not '
+        'explained as well as the rest. Of numbers that may have any sign, these are shares of '
+        'what they add to; the table has half their interval. SI units.'
+    )
+    return PageSection('Numbers', text, tables=[numbers_table(numbers)])
+
+
+def numbers_table(
+    numbers: Sequence[Mapping[str, Any]],
+    verdict: Callable[[Mapping[str, Any]], str] = verdict_text,
+) -> PageTable:
+    """Return the table of a robot's numbers: where the search began, what is found."""
     rows = [
         [
             one['path'],
             f'{one["start"]:.5g}',
             f'{one["value"]:.5g}',
             interval_text(one['interval']),
-            verdict_text(one),
+            verdict(one),
         ]
         for one in numbers
     ]
-    text = (
-        'Found: known within 5 %. Doubtful: within 50 %, or the held-out part of a run is not '
-        'explained as well as the rest. Of numbers that may have any sign, these are shares of '
-        'what they add to; the table has half their interval. SI units.'
-    )
-    table = PageTable(['number', 'was', 'is', '', 'verdict'], rows)
-    return PageSection('Numbers', text, tables=[table])
+    return PageTable(['number', 'was', 'is', '', 'verdict'], rows)
 
 
 def _combinations(document: Mapping[str, Any]) -> PageSection | None:

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from denoc_ros.identification.model.model_result import verdict_text
-from denoc_ros.identification.pages.identify_numbers import channels_section
+from denoc_ros.identification.pages.identify_numbers import channels_section, numbers_table
 from denoc_ros.identification.pages.identify_result import (
     interval_text,
     number_cards,
@@ -16,7 +16,6 @@ from denoc_ros.identification.pages.identify_result import (
 from denoc_ros.pages.html_page import PageSection, PageTable, ReportPage
 
 FOUND = 'found'
-NUMBER_HEAD = ('number', 'was', 'is', '', 'verdict')
 
 
 def run_text(document: Mapping[str, Any]) -> str:
@@ -25,7 +24,7 @@ def run_text(document: Mapping[str, Any]) -> str:
     for plant in document['plants']:
         if line := _whose(plant, len(document['plants'])):
             head.append(line)
-        head.append(_numbers(plant).text())
+        head.append(numbers_table(plant['numbers'], _verdict).text())
         if plant['beams']:
             head += ['', _modes(plant).text()]
         head += [f'  {line}' for line in _notes(plant)]
@@ -44,7 +43,10 @@ def run_page(document: Mapping[str, Any], command: str) -> ReportPage:
             'Found: known within 5 %. Doubtful: within 50 %, or the model does not explain the '
             'recording. SI units.'
         )
-        tables = [_numbers(plant), *([_modes(plant)] if plant['beams'] else [])]
+        tables = [
+            numbers_table(plant['numbers'], _verdict),
+            *([_modes(plant)] if plant['beams'] else []),
+        ]
         whose = _whose(plant, len(plants)).rstrip(':')
         sentences = [_sentence(each) for each in (whose, text.rstrip('.'), *_notes(plant)) if each]
         sections.append(PageSection('Numbers', ' '.join(sentences), tables=tables))
@@ -65,20 +67,6 @@ def _whose(plant: Mapping[str, Any], count: int) -> str:
     if not names or (count == 1 and len(names) == 1):
         return f'phase {names[0]}:' if names else ''
     return f'phases {", ".join(names)}:'
-
-
-def _numbers(plant: Mapping[str, Any]) -> PageTable:
-    rows = [
-        [
-            one['path'],
-            f'{one["start"]:.5g}',
-            f'{one["value"]:.5g}',
-            interval_text(one['interval']),
-            _verdict(one),
-        ]
-        for one in plant['numbers']
-    ]
-    return PageTable(NUMBER_HEAD, rows)
 
 
 def _verdict(one: Mapping[str, Any]) -> str:

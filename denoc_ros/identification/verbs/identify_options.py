@@ -71,6 +71,8 @@ class Action:
 
     def run(self, args: argparse.Namespace) -> VerbResult:
         """Fit; write the result and its page to a folder if one is named."""
+        if getattr(args, 'output', None):
+            _require_own_folder(args.output)
         settings = {**SHARED, **self.settings}
         found = self.fit(
             **{
@@ -83,10 +85,6 @@ class Action:
         assert self.text is not None
         document, notes = {**found.document, 'versions': versions()}, found.notes
         if output := args.output:
-            if (output / SESSION_FILE).exists():
-                raise BagError(
-                    f'{output}: --output must be a folder of its own, got that of a run'
-                )
             if (output / RESULT_FILE).exists():
                 notes = [*notes, f'denoc identify: {output}: the earlier result is replaced']
             write_result(output, document)
@@ -95,6 +93,12 @@ class Action:
                 write_text(output / 'report.html', page.html())
         lines = [*found.head, self.text(document)]
         return VerbResult(document, lines, exit_status(document['verdict']), notes)
+
+
+def _require_own_folder(output: Path) -> None:
+    """Refuse the folder of a run, whose report a result would replace."""
+    if (output / SESSION_FILE).exists():
+        raise BagError(f'{output}: --output must be a folder of its own, got that of a run')
 
 
 def add_recording_options(parser: argparse.ArgumentParser, several: bool = False) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import Any
 
 from denoc_ros.cli.arguments import (
     add_gravity,
@@ -17,7 +16,7 @@ from denoc_ros.cli.arguments import (
 )
 from denoc_ros.cli.progress import Progress
 from denoc_ros.cli.recorded_robot import robot_source
-from denoc_ros.dynamics.robot import Robot, load_robot
+from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import BagError
 from denoc_ros.identification.model.sources import RecordingSettings
 from denoc_ros.identification.pages.identify_run_page import run_page, run_text
@@ -30,7 +29,7 @@ from denoc_ros.identification.verbs.identify_model import (
 )
 from denoc_ros.identification.verbs.identify_options import Action, Fit
 from denoc_ros.output_files import require_new
-from denoc_ros.simulation.recorded.run_files import EARTH, find_bag, read_session
+from denoc_ros.simulation.recorded.run_files import find_bag, robot_of_run
 
 
 def _add_run(parser: argparse.ArgumentParser) -> None:
@@ -85,8 +84,8 @@ def _robot(args: argparse.Namespace) -> tuple[Robot, str | Path]:
     if args.robot is None and is_table(args.run):
         raise BagError(f'{args.run}: a table must come with its robot, --robot, got none')
     source = robot_source(find_bag(args.run), args.robot)
-    gravity: Any = args.gravity or read_session(args.run).get('gravity', EARTH)
-    return overridden(load_robot(source, gravity=gravity), args), source
+    given = None if args.robot is None else source
+    return overridden(robot_of_run(args.run, given, args.gravity, True), args), source
 
 
 DECLARED = (

@@ -16,7 +16,7 @@ from denoc_ros.bags.series import ODOMETRY_NUMBERS, elapsed, read_numbers
 from denoc_ros.bags.writer import BagWriter
 from denoc_ros.dynamics.base.reacting_base import held_robot
 from denoc_ros.dynamics.driven.measured_side import measured_robot
-from denoc_ros.dynamics.robot import Robot, load_robot
+from denoc_ros.dynamics.robot import Robot
 from denoc_ros.errors import BagError, SolverError, StateError
 from denoc_ros.estimation.base_track import BaseRecord
 from denoc_ros.estimation.torque_along import TorqueReplay, Torques
@@ -34,12 +34,10 @@ from denoc_ros.simulation.recorded.replay_settings import (
 )
 from denoc_ros.simulation.recorded.residual_friction import FrictionFit, FrictionFitter
 from denoc_ros.simulation.recorded.run_files import (
-    EARTH,
     find_bag,
     plant_differences,
-    read_session,
-    recorded_description,
     recorded_phases,
+    robot_of_run,
 )
 from denoc_ros.types import Array
 
@@ -120,14 +118,10 @@ def replay(
         As of `replay_bag`; also a run without robot, or without such a phase.
     """
     path = Path(run)
-    bag, session = find_bag(path), read_session(path)
-    gravity = session.get('gravity', EARTH)
+    bag = find_bag(path)
     chosen = replayed_phases(path, bag, phases, robot is None)
-    if robot is None:
-        recorded = load_robot(recorded_description(bag), gravity=gravity)
-        robot = recorded.with_overrides(session.get('model', {}))
-    elif not isinstance(robot, Robot):
-        robot = load_robot(robot, gravity=gravity)
+    if not isinstance(robot, Robot):
+        robot = robot_of_run(path, robot)
     return replay_bag(bag, robot, output, settings, phases=chosen)
 
 

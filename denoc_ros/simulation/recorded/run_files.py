@@ -12,7 +12,7 @@ import numpy as np
 
 from denoc_ros.bags.reader import bag_folder
 from denoc_ros.bags.run import LATEST_NS, RecordedPhase, parameter_changes, phases_of, read_marks
-from denoc_ros.dynamics.robot import Robot
+from denoc_ros.dynamics.robot import Robot, load_robot
 from denoc_ros.errors import BagError
 from denoc_ros.model.numbers import FAMILIES, Value, own_path, values_of
 from denoc_ros.model.reading.findings import as_text
@@ -63,6 +63,37 @@ def recorded_description(bag: Path) -> str:
     if text := read_description(bag):
         return text
     raise BagError(f'{bag}: bag must hold the robot where --robot is not given, got none')
+
+
+def robot_of_run(
+    run_path: Path,
+    source: str | Path | None = None,
+    gravity: Sequence[float] | None = None,
+    before_simulation: bool = False,
+) -> Robot:
+    """Return the robot of a run: the one in its bag as the session's nodes had it.
+
+    Parameters
+    ----------
+    source : str or Path, optional
+        A description in place of the recorded one: it stays as it is.
+    gravity : (3,) sequence, optional
+        [m/s^2]; default: the run's, else the earth's.
+    before_simulation : bool
+        Whether a simulated robot is the one of the file: the numbers that a simulation notes are
+        those of the truth.
+
+    Raises
+    ------
+    BagError, ConfigError, ModelError
+        The run has no robot, or its session's numbers are not of this robot.
+    """
+    session = read_session(run_path)
+    text = recorded_description(find_bag(run_path)) if source is None else source
+    robot = load_robot(text, gravity=gravity or session.get('gravity', EARTH))
+    keeps_file = source is not None or (before_simulation and session.get('kind') == SIMULATED)
+    model = {} if keeps_file else session.get('model', {})
+    return robot.with_overrides(model) if model else robot
 
 
 def plant_of(robot: Robot, session: Mapping[str, Any]) -> Robot:
